@@ -1,0 +1,210 @@
+"""All settings: one tree of frozen dataclasses, checked when built, none of them needed to start.
+
+Order of precedence: defaults < file < environment (`SWARDMAP_GRID__RESOLUTION_M=0.1`) < command line
+(`--set grid.resolution_m=0.1`). Unknown keys are refused. `swardmap config` prints the tree.
+"""
+
+import dataclasses
+import difflib
+import math
+import types
+import typing
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+from swardmap.errors import ConfigError
+
+ENVIRONMENT_PREFIX = "SWARDMAP_"
+NOT_SETTINGS = frozenset({"SWARDMAP_DATA"})
+
+
+def setting(
+    default: Any,
+    about: str,
+    minimum: float | None = None,
+    maximum: float | None = None,
+    choices: tuple[str, ...] | None = None,
+) -> Any:
+    """Declare one setting: default, what it is for, and what it may be."""
+    limits = {"about": about, "minimum": minimum, "maximum": maximum, "choices": choices}
+    return field(default=default, metadata=limits)
+
+
+class _Checked:
+    """Checks every field of a settings dataclass against its declared limits."""
+
+    def __post_init__(self) -> None:
+        hints = typing.get_type_hints(type(self))
+        for f in fields(self):  # type: ignore[arg-type]
+            name = f"{type(self).__name__}.{f.name}"
+            value = _converted(getattr(self, f.name), hints[f.name], name)
+            _check_limits(value, f.metadata, name)
+            object.__setattr__(self, f.name, value)
+
+
+@dataclass(frozen=True)
+class SourceConfig(_Checked):
+    """How to read a recording."""
+
+    format: str | None = setting(
+        None,
+        "kind of recording; found by itself where possible",
+        choices=("folder", "3dmatch", "orfd", "eden", "rosbag"),
+    )
+    start: int = setting(0, "index of the first frame to use", minimum=0)
+    stop: int | None = setting(None, "index after the last frame to use; none = to the end", minimum=0)
+    every: int = setting(1, "use every n-th frame", minimum=1)
+    color_topic: str | None = setting(None, "bags: image topic; none = the only candidate")
+    depth_topic: str | None = setting(None, "bags: depth topic; none = the only candidate")
+    color_info_topic: str | None = setting(None, "bags: CameraInfo of the colour image")
+    depth_info_topic: str | None = setting(None, "bags: CameraInfo of the depth image")
+    odometry_topic: str | None = setting(
+        None, "bags: nav_msgs/Odometry to take the pose from, in place of tf"
+    )
+    map_frame: str | None = setting(
+        None, "bags: fixed frame of the map; none = map, else odom, of the tf tree"
+    )
+    camera_frame: str | None = setting(
+        None, "bags: optical frame of the colour image, where its header is wrong"
+    )
+    pair_tolerance_ms: float = setting(20.0, "largest distance in time of colour and depth", minimum=0)
+    pose_tolerance_ms: float = setting(
+        100.0, "largest gap between poses that is interpolated over", minimum=0
+    )
+    depth_unit_m: float | None = setting(
+        None, "metres per unit of 16-bit depth; none = as the format says", minimum=1e-6
+    )
+    label_table: str | None = setting(None, "EDEN and others: YAML file that maps ids to classes")
+    level: bool = setting(
+        True, "3DMatch and others whose map is not level: turn it so that the floor is z = 0"
+    )
+
+
+@dataclass(frozen=True)
+class SegmenterConfig(_Checked):
+    """What tells grass from obstacles."""
+
+    name: str = setting(
+        "auto", "an .onnx file, or auto, colour (excess green), truth (labels of the recording)"
+    )
+    min_confidence: float = setting(
+        0.0, "below it a pixel is void: not seen, never grass", minimum=0, maximum=1
+    )
+    threads: int = setting(0, "threads of the network; 0 = cores - 1", minimum=0)
+    provider: str = setting("CPUExecutionProvider", "ONNX Runtime execution provider")
+
+
+@dataclass(frozen=True)
+class MountConfig(_Checked):
+    """Where the camera sits, for recordings without poses."""
+
+    height_m: float | None = setting(
+        None, "of the camera above the ground; none = measured from the ground seen", minimum=0
+    )
+    pitch_deg: float | None = setting(
+        None, "how far it looks down; none = measured from the ground seen", minimum=-90, maximum=90
+    )
+    roll_deg: float = setting(0.0, "right side down is positive", minimum=-180, maximum=180)
+    yaw_deg: float = setting(0.0, "to the left is positive", minimum=-180, maximum=180)
+    x_m: float = setting(0.0, "forward of the robot's base")
+    y_m: float = setting(0.0, "left of the robot's base")
+
+
+@dataclass(frozen=True)
+class CloudConfig(_Checked):
+    """Which points count (Sec. 3.4)."""
+
+    min_range_m: float = setting(0.3, "nearest depth used", minimum=0)
+    max_range_m: float = setting(8.0, "farthest depth used", minimum=0)
+    min_height_m: float = setting(-0.5, "lowest point used, in the map frame")
+    max_height_m: float = setting(2.0, "highest point used; what hangs higher is driven under")
+    consistent_neighbours: int = setting(
+        3, "of 8 neighbours that must have about the same depth; 0 = no filter", minimum=0, maximum=8
+    )
+    consistency_relative: float = setting(
+        0.03, "about the same: within this share of the depth ...", minimum=0
+    )
+    consistency_m: float = setting(0.02, "... plus this many metres", minimum=0)
+    voxel_m: float = setting(0.0, "edge of the voxel grid; 0 = none; needs the staged road", minimum=0)
+    outliers: str = setting(
+        "none",
+        "outlier removal after the voxel grid; needs the staged road",
+        choices=("none", "statistical", "radius"),
+    )
+    outlier_neighbours: int = setting(20, "statistical: k; radius: fewest neighbours", minimum=1)
+    outlier_sigmas: float = setting(2.0, "statistical: kept up to mean + this many sigmas", minimum=0)
+    outlier_radius_m: float = setting(0.15, "radius: neighbours are counted within it", minimum=0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for low, high in (("min_range_m", "max_range_m"), ("min_height_m", "max_height_m")):
+            if getattr(self, low) >= getattr(self, high):
+                raise ConfigError(
+                    f"cloud: expected {low} below {high}, got {getattr(self, low)} and {getattr(self, high)}"
+                )
+
+
+@dataclass(frozen=True)
+class GridConfig(_Checked):
+    """The occupancy grid (Sec. 3.5)."""
+
+    resolution_m: float = setting(0.05, "edge of a cell", minimum=1e-3, maximum=10)
+    min_points: int = setting(3, "points a cell needs to be cleared or marked", minimum=1)
+    origin_m: tuple[float, float] | None = setting(
+        None, "outer corner of cell (0, 0); none = grows with what is seen"
+    )
+    size_m: tuple[float, float] | None = setting(None, "extent along x and y; given together with origin_m")
+    obstacle_clear_frames: int = setting(
+        1, "frames that must see grass before an obstacle cell is cleared (paper: 1)", minimum=1
+    )
+    person_clear_frames: int = setting(3, "the same for a person cell", minimum=1)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if (self.origin_m is None) != (self.size_m is None):
+            raise ConfigError("grid: expected origin_m and size_m together, got only one of them")
+
+
+@dataclass(frozen=True)
+class CostmapConfig(_Checked):
+    """Costs for Nav2: what is seen, grown by the margin, then inflated."""
+
+    margin_m: float = setting(
+        0.0, "obstacles are grown by it: the measured margin, in place of a guess", minimum=0
+    )
+    person_margin_m: float | None = setting(None, "the same for persons; none = margin_m", minimum=0)
+    inscribed_radius_m: float = setting(0.3, "radius of the circle inside the robot's footprint", minimum=0)
+    inflation_radius_m: float = setting(0.55, "costs reach this far beyond a grown obstacle", minimum=0)
+    cost_scaling_factor: float = setting(10.0, "decay of the cost, 1/m", minimum=0)
+    inflate_unknown: bool = setting(
+        False, "write costs into unknown cells too, as Nav2's option of that name"
+    )
+
+
+@dataclass(frozen=True)
+class OutputConfig(_Checked):
+    """What `map` writes."""
+
+    pictures: int = setting(1, "a picture of every n-th frame; 0 = none", minimum=0)
+    clouds: str = setting("none", "labelled cloud of each frame", choices=("none", "pcd", "ply"))
+    frame_maps: bool = setting(False, "one standalone map a frame as well (the paper's evaluation)")
+
+
+@dataclass(frozen=True)
+class Config(_Checked):
+    """The whole tree."""
+
+    source: SourceConfig = field(default_factory=SourceConfig)
+    segmenter: SegmenterConfig = field(default_factory=SegmenterConfig)
+    mount: MountConfig = field(default_factory=MountConfig)
+    cloud: CloudConfig = field(default_factory=CloudConfig)
+    grid: GridConfig = field(default_factory=GridConfig)
+    costmap: CostmapConfig = field(default_factory=CostmapConfig)
+    output: OutputConfig = field(default_factory=OutputConfig)
+    road: str = setting(
+        "fused",
+        "from depth to grid: fused (compiled) or staged (NumPy); cell for cell the same",
+        choices=("fused", "staged"),
+    )

@@ -1,0 +1,69 @@
+"""The errors swardmap raises on purpose.
+
+    SwardmapError
+    ├── InvalidValueError     a value that cannot be right: shape, range, NaN, wrong frame (also a ValueError)
+    │   └── FrameMismatchError    two poses or clouds whose frames do not meet
+    ├── ConfigError           an unknown key, a wrong type, a contradiction in the configuration
+    ├── InputError            a file, bag or camera that cannot be read, or is inconsistent
+    ├── ModelError            a network file that is not what it should be
+    ├── OutputError           a result that cannot be written
+    └── MissingExtraError     an optional package that is not installed (also an ImportError)
+
+Every message says what was expected, what came, and what to do. The command line prints it as one
+line and exits with 1; anything else that reaches the command line is a bug and shows its traceback.
+"""
+
+import importlib
+from types import ModuleType
+
+
+class SwardmapError(Exception):
+    """Base of all errors that swardmap raises on purpose."""
+
+
+class InvalidValueError(SwardmapError, ValueError):
+    """A value that cannot be right, refused before it can make a wrong map."""
+
+
+class FrameMismatchError(InvalidValueError):
+    """Two coordinate frames that do not meet."""
+
+
+class ConfigError(SwardmapError):
+    """A configuration that is misspelt, out of range or contradicts itself."""
+
+
+class InputError(SwardmapError):
+    """An input that cannot be read or does not hold together."""
+
+
+class ModelError(SwardmapError):
+    """A network file that is not what it should be."""
+
+
+class OutputError(SwardmapError):
+    """A result that cannot be written."""
+
+
+class MissingExtraError(SwardmapError, ImportError):
+    """An optional package that is not installed."""
+
+
+def require(module: str, extra: str, hint: str = "") -> ModuleType:
+    """Import an optional module or say how to get it.
+
+    Args:
+        module: name to import, such as `pyrealsense2`.
+        extra: the extra of swardmap that brings it, such as `realsense`.
+        hint: what else is needed, such as an apt package.
+
+    Raises:
+        MissingExtraError: with the exact pip command.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        more = f" {hint}" if hint else ""
+        raise MissingExtraError(
+            f"{module} cannot be imported ({error}). Install it with: pip install 'swardmap[{extra}]'.{more}"
+        ) from error

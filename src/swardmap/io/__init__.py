@@ -1,0 +1,86 @@
+"""Frame sources and files. Nothing is imported here that is not needed to tell sources apart.
+
+To add a sensor or a data set: one file with `recognises` and `open_source`, one entry in SOURCES,
+and a subclass of the contract test (CONTRIBUTING.md).
+"""
+
+import importlib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Protocol, runtime_checkable
+
+from swardmap.config import SourceConfig
+from swardmap.errors import InputError
+from swardmap.labels import LabelSet
+from swardmap.types import Frame
+
+
+@runtime_checkable
+class FrameSource(Protocol):
+    """A stream of aligned RGB-D frames. Iterating it again starts from the beginning."""
+
+    @property
+    def name(self) -> str:
+        """What a person would call the source: a folder, a bag, a camera."""
+
+    @property
+    def frame_count(self) -> int | None:
+        """Number of frames it will yield, where that can be known."""
+
+    @property
+    def label_set(self) -> LabelSet | None:
+        """Classes of the true labels, if the source has labels."""
+
+    @property
+    def skipped(self) -> Mapping[str, int]:
+        """What the last iteration left out so far, counted by reason."""
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Yield the frames in order of time."""
+
+
+class SourceModule(Protocol):
+    """What a module named in SOURCES offers."""
+
+    @staticmethod
+    def recognises(path: Path) -> bool:
+        """Whether `path` looks like this kind of source (cheap: names, not contents)."""
+
+    @staticmethod
+    def open_source(path: Path, config: SourceConfig) -> FrameSource:
+        """Open it, or raise InputError saying what is missing."""
+
+
+SOURCES: Mapping[str, str] = {
+    "folder": "swardmap.io.folder",
+    "3dmatch": "swardmap.io.threedmatch",
+    "orfd": "swardmap.io.orfd",
+    "eden": "swardmap.io.eden",
+    "rosbag": "swardmap.io.rosbag",
+}
+"""Kinds of source and the module that reads each; asked in this order."""
+
+
+def open_source(location: str | Path, config: SourceConfig | None = None) -> FrameSource:
+    """Open a recording, whatever kind it is.
+
+    Args:
+        location: folder or file.
+        config: how to read it; `config.format` names the kind where it cannot be recognised.
+
+    Raises:
+        InputError: if it does not exist, is of no known kind, or holds nothing.
+    """
+    config = config or SourceConfig()
+    path = Path(location)
+    if not path.exists():
+        raise InputError(f"no such recording: {path}")
+    kinds = [config.format] if config.format else list(SOURCES)
+    for kind in kinds:
+        module: SourceModule = importlib.import_module(SOURCES[kind])  # type: ignore[assignment]
+        if config.format or module.recognises(path):
+            return module.open_source(path, config)
+    raise InputError(
+        f"{path} is not a recording that swardmap knows ({', '.join(SOURCES)}). "
+        "Name its kind with --format, or see docs/recordings.md for the folder layout."
+    )

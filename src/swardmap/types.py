@@ -1,0 +1,188 @@
+"""The few array-carrying types that every stage speaks; frozen, and validated when built."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swardmap.errors import FrameMismatchError, InvalidValueError
+from swardmap.geometry import Intrinsics, Pose, transform_points
+from swardmap.labels import VOID_ID, LabelSet
+
+NO_TAGS: Mapping[str, str] = MappingProxyType({})
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """One aligned RGB-D image pair: pixel (u, v) of the colour image is pixel (u, v) of the depth.
+
+    Attributes:
+        stamp_ns: time of the colour image, integer nanoseconds.
+        intrinsics: of both images.
+        rgb: (H, W, 3) uint8, RGB.
+        depth: (H, W) along the optical axis; uint16 in units of `depth_unit_m`, 0 = no reading, or
+            float32 in metres, where 0, NaN and infinity mean no reading (REP-118).
+        depth_unit_m: metres per unit of a uint16 depth image; 1 for float32.
+        T_map_camera: pose of the optical frame when the image was taken; None if the source knows
+            none (then each frame is mapped on its own, by the configured mount).
+        labels: (H, W) uint8 true classes in ids of `label_set`, when the source has them.
+        label_set: classes of `labels`.
+        name: what a person would call this frame: file stem or index.
+        tags: fields to group by, such as scene, illumination, sequence.
+    """
+
+    stamp_ns: int
+    intrinsics: Intrinsics
+    rgb: NDArray[np.uint8]
+    depth: NDArray[np.uint16] | NDArray[np.float32]
+    depth_unit_m: float = 0.001
+    T_map_camera: Pose | None = None
+    labels: NDArray[np.uint8] | None = None
+    label_set: LabelSet | None = None
+    name: str = ""
+    tags: Mapping[str, str] = field(default=NO_TAGS)
+
+    def __post_init__(self) -> None:
+        size = (self.intrinsics.height, self.intrinsics.width)
+        who = f"frame {self.name or self.stamp_ns}"
+        _check_array(f"{who}: rgb", self.rgb, (*size, 3), (np.uint8,))
+        _check_array(f"{who}: depth", self.depth, size, (np.uint16, np.float32))
+        if not (np.isfinite(self.depth_unit_m) and self.depth_unit_m > 0):
+            raise InvalidValueError(
+                f"{who}: expected a positive depth unit in metres, got {self.depth_unit_m}"
+            )
+        if self.depth.dtype == np.float32:
+            object.__setattr__(self, "depth_unit_m", 1.0)
+        if self.labels is not None:
+            _check_array(f"{who}: labels", self.labels, size, (np.uint8,))
+            if self.label_set is None:
+                raise InvalidValueError(f"{who}: labels need a label_set that names their ids")
+
+    @property
+    def depth_m(self) -> NDArray[np.float32]:
+        """(H, W) float32 metres, NaN = no reading."""
+        return depth_in_metres(self.depth, self.depth_unit_m)
+
+    def with_pose(self, T_map_camera: Pose) -> "Frame":
+        """The same frame seen from another pose."""
+        return replace(self, T_map_camera=T_map_camera)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Segmentation:
+    """Classes of an image, at the size the network gives (Sec. 3.3).
+
+    Attributes:
+        labels: (h, w) uint8 ids of `label_set`; void (255) where nothing is known.
+        label_set: what the ids mean.
+        confidence: (h, w) float32 probability of the class given, or None if the segmenter has none.
+    """
+
+    labels: NDArray[np.uint8]
+    label_set: LabelSet
+    confidence: NDArray[np.float32] | None = None
+
+    def __post_init__(self) -> None:
+        shape = self.labels.shape
+        if len(shape) != 2 or 0 in shape:
+            raise InvalidValueError(f"segmentation: expected labels of shape (h, w), got {shape}")
+        _check_array("segmentation: labels", self.labels, shape, (np.uint8,))
+        if self.confidence is not None:
+            _check_array("segmentation: confidence", self.confidence, shape, (np.float32,))
+
+    def confident(self, threshold: float) -> "Segmentation":
+        """The same masks with every pixel below `threshold` set to void: not seen, never grass."""
+        if self.confidence is None or threshold <= 0:
+            return self
+        sure = self.confidence >= np.float32(threshold)  # NaN compares false: not sure
+        return replace(self, labels=np.where(sure, self.labels, np.uint8(VOID_ID)))
+
+    def resized_to(self, height: int, width: int) -> "Segmentation":
+        """Masks at another size: nearest neighbour by floor(i * h / height) (docs/conventions.md)."""
+        if self.labels.shape == (height, width):
+            return self
+        rows = nearest_indices(height, self.labels.shape[0])[:, None]
+        columns = nearest_indices(width, self.labels.shape[1])[None, :]
+        confidence = None if self.confidence is None else self.confidence[rows, columns]
+        return Segmentation(self.labels[rows, columns], self.label_set, confidence)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LabeledCloud:
+    """Points with a class: the paper's XYZL cloud (Sec. 3.4), as parallel arrays.
+
+    Attributes:
+        xyz: (N, 3) float32 metres in `frame_id`, all finite.
+        labels: (N,) uint8 ids of `label_set`.
+        frame_id: name of the coordinate frame.
+        label_set: what the ids mean.
+        stamp_ns: time of the measurement.
+    """
+
+    xyz: NDArray[np.float32]
+    labels: NDArray[np.uint8]
+    frame_id: str
+    label_set: LabelSet
+    stamp_ns: int = 0
+
+    def __post_init__(self) -> None:
+        count = len(self.xyz)
+        _check_array("cloud: xyz", self.xyz, (count, 3), (np.float32,))
+        _check_array("cloud: labels", self.labels, (count,), (np.uint8,))
+
+    def __len__(self) -> int:
+        return len(self.xyz)
+
+    def __getitem__(self, index: slice | NDArray[np.bool_] | NDArray[np.integer]) -> "LabeledCloud":
+        """Points chosen by one mask or index for every field."""
+        return replace(self, xyz=self.xyz[index], labels=self.labels[index])
+
+    def transformed(self, T_parent_cloud: Pose) -> "LabeledCloud":
+        """The same points in the pose's parent frame (float32, in the kernel's order of operations).
+
+        Raises:
+            FrameMismatchError: if the pose's child is not this cloud's frame.
+        """
+        if T_parent_cloud.child != self.frame_id:
+            raise FrameMismatchError(
+                f"cloud is in '{self.frame_id}', the pose takes '{T_parent_cloud.child}' "
+                f"to '{T_parent_cloud.parent}'"
+            )
+        xyz = transform_points(self.xyz, T_parent_cloud)
+        return replace(self, xyz=xyz, frame_id=T_parent_cloud.parent)
+
+
+def depth_in_metres(
+    depth: NDArray[np.uint16] | NDArray[np.float32], depth_unit_m: float
+) -> NDArray[np.float32]:
+    """Depth as float32 metres with NaN for every kind of "no reading" (0, negative, NaN, infinite)."""
+    if depth.dtype == np.uint16:
+        metres = depth.astype(np.float32) * np.float32(depth_unit_m)
+        return np.where(depth > 0, metres, np.float32(np.nan))
+    valid = np.isfinite(depth) & (depth > 0)
+    return np.where(valid, depth, np.float32(np.nan)).astype(np.float32)
+
+
+def nearest_indices(size_out: int, size_in: int) -> NDArray[np.intp]:
+    """Source index of each output index for nearest resampling: floor(i * size_in / size_out).
+
+    Exact integers: OpenCV's INTER_NEAREST and INTER_NEAREST_EXACT differ from it and each other.
+
+    >>> nearest_indices(5, 2).tolist()
+    [0, 0, 0, 1, 1]
+    """
+    return (np.arange(size_out) * size_in) // size_out
+
+
+def _check_array(
+    what: str, array: object, shape: tuple[int, ...], dtypes: tuple[type[np.generic], ...]
+) -> None:
+    names = " or ".join(np.dtype(d).name for d in dtypes)
+    if not isinstance(array, np.ndarray):
+        raise InvalidValueError(f"{what}: expected a {names} array, got {type(array).__name__}")
+    if array.shape != shape or array.dtype not in [np.dtype(d) for d in dtypes]:
+        raise InvalidValueError(
+            f"{what}: expected {names} of shape {shape}, got {array.dtype} of shape {array.shape}"
+        )
