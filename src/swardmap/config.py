@@ -208,3 +208,162 @@ class Config(_Checked):
         "from depth to grid: fused (compiled) or staged (NumPy); cell for cell the same",
         choices=("fused", "staged"),
     )
+
+
+def load_config(
+    file: Path | None = None,
+    environment: Mapping[str, str] | None = None,
+    overrides: Iterable[str] = (),
+) -> Config:
+    """Build the configuration: defaults < file < environment < overrides.
+
+    Args:
+        file: YAML with any part of the tree.
+        environment: such as os.environ; names `SWARDMAP_SECTION__KEY`.
+        overrides: `section.key=value`, values in YAML.
+
+    Raises:
+        ConfigError: for an unknown key, a wrong type, or a value out of range.
+    """
+    import yaml
+
+    tree: dict[str, Any] = {}
+    if file is not None:
+        _merge(tree, _read_yaml(file), str(file))
+    for name, text in (environment or {}).items():
+        if name.startswith(ENVIRONMENT_PREFIX) and name not in NOT_SETTINGS:
+            keys = name.removeprefix(ENVIRONMENT_PREFIX).lower().split("__")
+            _merge(tree, _nested(keys, yaml.safe_load(text)), f"environment variable {name}")
+    for override in overrides:
+        key, sign, text = override.partition("=")
+        if not sign or not key:
+            raise ConfigError(f"expected section.key=value, got '{override}'")
+        _merge(tree, _nested(key.strip().split("."), yaml.safe_load(text)), f"'{override}'")
+    return config_from_dict(tree)
+
+
+def config_from_dict(tree: Mapping[str, Any]) -> Config:
+    """Build the configuration from a nested dict with any part of the tree.
+
+    Raises:
+        ConfigError: for an unknown key (with the nearest known one), a wrong type, a value out of range.
+    """
+    built = _build(Config, tree, "")
+    assert isinstance(built, Config)  # noqa: S101 - narrows the type; _build returns its first argument's
+    return built
+
+
+def config_to_dict(config: Config) -> dict[str, Any]:
+    """The tree as plain dicts, lists, strings and numbers, as `config_from_dict` takes it."""
+    plain: dict[str, Any] = dataclasses.asdict(config, dict_factory=_plain_dict)
+    return plain
+
+
+def config_to_yaml(config: Config, comments: bool = True) -> str:
+    """The tree as YAML, each setting with what it is for and what it may be."""
+    lines: list[str] = []
+    for f in fields(config):
+        value = getattr(config, f.name)
+        if not dataclasses.is_dataclass(value):
+            lines += _yaml_setting(f, value, "", comments)
+            continue
+        about = (type(value).__doc__ or "").strip()
+        lines += ["", f"# {about}"] if comments else []
+        lines.append(f"{f.name}:")
+        for inner in fields(value):
+            lines += _yaml_setting(inner, getattr(value, inner.name), "  ", comments)
+    return "\n".join(lines).strip() + "\n"
+
+
+def _plain_dict(items: list[tuple[str, Any]]) -> dict[str, Any]:
+    return {key: list(value) if isinstance(value, tuple) else value for key, value in items}
+
+
+def _yaml_setting(f: "dataclasses.Field[Any]", value: Any, indent: str, comments: bool) -> list[str]:
+    import yaml
+
+    plain = list(value) if isinstance(value, tuple) else value
+    text = yaml.safe_dump(plain, default_flow_style=True, width=1000).strip().removesuffix("...").strip()
+    line = f"{indent}{f.name}: {text}"
+    if not comments:
+        return [line]
+    choices = f.metadata.get("choices")
+    about = f.metadata["about"] + (f" ({', '.join(choices)})" if choices else "")
+    return [f"{line:<44}# {about}"]
+
+
+def _read_yaml(file: Path) -> Any:
+    import yaml
+
+    try:
+        return yaml.safe_load(file.read_text(encoding="utf-8")) or {}
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise ConfigError(f"cannot read the configuration {file}: {error}") from error
+
+
+def _nested(keys: list[str], value: Any) -> dict[str, Any]:
+    for key in reversed(keys):
+        value = {key: value}
+    return dict(value)
+
+
+def _merge(tree: dict[str, Any], news: Any, where: str) -> None:
+    if not isinstance(news, dict):
+        raise ConfigError(f"{where}: expected sections with keys, got {type(news).__name__}")
+    for key, value in news.items():
+        if isinstance(value, dict) and isinstance(tree.get(key), dict):
+            _merge(tree[key], value, where)
+        else:
+            tree[key] = value
+
+
+def _build(cls: Any, tree: Any, path: str) -> Any:
+    if not isinstance(tree, Mapping):
+        raise ConfigError(f"section '{path}': expected keys and values, got {tree!r}")
+    known = {f.name for f in fields(cls)}
+    hints = typing.get_type_hints(cls)
+    for key in tree:
+        if key not in known:
+            near = difflib.get_close_matches(str(key), known, n=1)
+            hint = f"; did you mean '{near[0]}'?" if near else f"; known: {', '.join(sorted(known))}"
+            raise ConfigError(f"unknown setting '{path}{key}'{hint}")
+    values = {}
+    for key, value in tree.items():
+        section = dataclasses.is_dataclass(hints[key])
+        values[key] = _build(hints[key], value, f"{path}{key}.") if section else value
+    return cls(**values)
+
+
+def _converted(value: Any, hint: Any, name: str) -> Any:
+    """`value` as the declared type; whole numbers pass as floats and lists as tuples, nothing else."""
+    if typing.get_origin(hint) in (types.UnionType, typing.Union):
+        if value is None:
+            return None
+        hint = next(a for a in typing.get_args(hint) if a is not types.NoneType)
+    if typing.get_origin(hint) is tuple:
+        parts = typing.get_args(hint)
+        if not isinstance(value, (list, tuple)) or len(value) != len(parts):
+            raise ConfigError(f"{name}: expected a list of {len(parts)} numbers, got {value!r}")
+        return tuple(_converted(v, part, name) for v, part in zip(value, parts, strict=True))
+    if hint is float and not isinstance(value, bool) and isinstance(value, (int, float, str)):
+        try:
+            number = float(value)  # YAML 1.1 reads 1e-3 as a string
+        except ValueError:
+            number = math.nan
+        if math.isfinite(number):
+            return number
+    elif isinstance(value, hint) and not (hint is int and isinstance(value, bool)):
+        return value
+    raise ConfigError(f"{name}: expected {hint.__name__}, got {value!r}")
+
+
+def _check_limits(value: Any, limits: Mapping[str, Any], name: str) -> None:
+    if value is None or not limits:
+        return
+    choices, low, high = limits["choices"], limits["minimum"], limits["maximum"]
+    if choices is not None and value not in choices:
+        raise ConfigError(f"{name}: expected one of {', '.join(choices)}, got '{value}'")
+    if low is not None and value < low:
+        raise ConfigError(f"{name}: expected at least {low:g}, got {value:g}")
+    if high is not None and value > high:
+        raise ConfigError(f"{name}: expected at most {high:g}, got {value:g}")

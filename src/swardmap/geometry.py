@@ -263,7 +263,8 @@ def mount_pose(
         roll_deg: about the viewing direction, positive right side down.
         yaw_deg: of the viewing direction, positive to the left of forward.
         xy_m: position forward and left of the base.
-        parent, child: frame names.
+        parent: name of the robot's frame.
+        child: name of the optical frame.
     """
     roll, pitch, yaw = np.deg2rad([roll_deg, pitch_deg, yaw_deg])
     cr, sr, cp, sp, cy, sy = (f(a) for a in (roll, pitch, yaw) for f in (np.cos, np.sin))
@@ -280,8 +281,9 @@ def interpolate_pose(before: Pose, after: Pose, fraction: float) -> Pose:
     """Pose between two poses of the same frames: linear in position, shortest arc in rotation.
 
     Args:
-        before, after: poses with equal parent and child.
-        fraction: 0 gives `before`, 1 gives `after`.
+        before: pose at fraction 0.
+        after: pose at fraction 1, of the same two frames.
+        fraction: share of the way, 0..1.
     """
     if (before.parent, before.child) != (after.parent, after.child):
         raise FrameMismatchError(

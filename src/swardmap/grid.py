@@ -103,7 +103,8 @@ class GridSpec:
         [12, 0]
         """
         offset = np.asarray(xy_m, np.float64) - np.asarray(self.origin_m)
-        return np.floor(offset / self.resolution_m).astype(np.int64)
+        cells: NDArray[np.int64] = np.floor(offset / self.resolution_m).astype(np.int64)
+        return cells
 
     def center_of(self, cell: ArrayLike) -> NDArray[np.float64]:
         """Centres of cells (..., 2) given as (ix, iy), in metres."""

@@ -71,10 +71,10 @@ class LabelSet:
     def __post_init__(self) -> None:
         object.__setattr__(self, "classes", tuple(self.classes))
         for what, values in (
-            ("id", [c.id for c in self.classes]),
+            ("id", [str(c.id) for c in self.classes]),
             ("name", [c.name for c in self.classes]),
         ):
-            twice = {str(v) for v in values if values.count(v) > 1}
+            twice = {v for v in values if values.count(v) > 1}
             if twice:
                 raise InvalidValueError(
                     f"label set: expected each {what} once, got twice: {', '.join(sorted(twice))}"

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,8 +9,6 @@ from numpy.typing import NDArray
 from swardmap.errors import FrameMismatchError, InvalidValueError
 from swardmap.geometry import Intrinsics, Pose, transform_points
 from swardmap.labels import VOID_ID, LabelSet
-
-NO_TAGS: Mapping[str, str] = MappingProxyType({})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,7 +39,7 @@ class Frame:
     labels: NDArray[np.uint8] | None = None
     label_set: LabelSet | None = None
     name: str = ""
-    tags: Mapping[str, str] = field(default=NO_TAGS)
+    tags: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         size = (self.intrinsics.height, self.intrinsics.width)
