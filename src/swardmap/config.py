@@ -182,6 +182,14 @@ class CostmapConfig(_Checked):
         False, "write costs into unknown cells too, as Nav2's option of that name"
     )
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.inflation_radius_m < self.inscribed_radius_m:
+            raise ConfigError(
+                "costmap: expected inflation_radius_m of at least inscribed_radius_m, "
+                f"got {self.inflation_radius_m:g} and {self.inscribed_radius_m:g}"
+            )
+
 
 @dataclass(frozen=True)
 class OutputConfig(_Checked):

@@ -1,0 +1,182 @@
+"""One frame, end to end: the paper's Sec. 3.3-3.5 in the paper's order."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from time import perf_counter
+from typing import Protocol
+
+import numpy as np
+
+from swardmap.config import Config, MountConfig
+from swardmap.costmap import Costmap, build_costmap
+from swardmap.errors import InputError, InvalidValueError
+from swardmap.geometry import Intrinsics, Pose, mount_pose
+from swardmap.grid import GridSpec, OccupancyGrid
+from swardmap.labels import LabelSet
+from swardmap.mapper import GridMapper, fixed_spec
+from swardmap.roads import PixelCounts, filtered_cloud, fused_grid, staged_grid
+from swardmap.types import Frame, LabeledCloud, Segmentation
+
+
+class Segmenter(Protocol):
+    """Tells the classes of an image: a network, the true labels, a rule."""
+
+    @property
+    def label_set(self) -> LabelSet:
+        """What the ids of its masks mean."""
+
+    def __call__(self, frame: Frame) -> Segmentation:
+        """Classes of `frame.rgb`, at any size."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StepResult:
+    """What one frame gave.
+
+    Attributes:
+        frame: the input.
+        segmentation: the mask, void where it was not sure.
+        T_map_camera: the pose that was used.
+        seen: the standalone map of this frame alone.
+        counts: what became of its pixels.
+        timings_ms: time spent in each stage.
+    """
+
+    frame: Frame
+    segmentation: Segmentation
+    T_map_camera: Pose
+    seen: OccupancyGrid
+    counts: PixelCounts
+    timings_ms: dict[str, float] = field(default_factory=dict)
+
+    def cloud(self, config: Config) -> LabeledCloud:
+        """The filtered, labelled cloud of this frame in the map frame, for pictures and files."""
+        cloud = filtered_cloud(self.frame, self.segmentation, config.cloud)
+        return cloud.transformed(Pose(self.T_map_camera.parent, cloud.frame_id, self.T_map_camera.matrix))
+
+
+class ObstacleMapper:
+    """Turns aligned RGB-D frames into an obstacle map.
+
+    Frames with a pose accumulate in `map`. Frames without one are mapped each on its own, in the
+    frame `base` on the ground under the camera, by the configured or measured mount.
+
+    Args:
+        segmenter: tells grass from obstacles.
+        config: all settings.
+        T_base_camera: mount of the camera, for frames without a pose.
+    """
+
+    def __init__(
+        self, segmenter: Segmenter, config: Config | None = None, T_base_camera: Pose | None = None
+    ) -> None:
+        self.segmenter = segmenter
+        self.config = config or Config()
+        self._T_base_camera = T_base_camera
+        self._mapper: GridMapper | None = None
+        self._last_stamp_ns: int | None = None
+
+    def step(self, frame: Frame) -> StepResult:
+        """Map one frame: segment, label the cloud, filter, to the map frame, update the grid.
+
+        Raises:
+            InputError: if the clock goes backwards, or the frame has no pose and no mount is known.
+        """
+        config, started = self.config, perf_counter()
+        self._check_clock(frame)
+        T_map_camera = self._pose_of(frame)
+        segmentation = self.segmenter(frame).confident(config.segmenter.min_confidence)
+        segmented = perf_counter()
+
+        spec = self._window(frame.intrinsics, T_map_camera)
+        road = fused_grid if config.road == "fused" else staged_grid
+        seen, counts = road(frame, segmentation, T_map_camera, spec, config.cloud, config.grid.min_points)
+        gridded = perf_counter()
+
+        if frame.T_map_camera is not None:
+            self._mapper = self._mapper or GridMapper(config.grid, T_map_camera.parent)
+            self._mapper.integrate(seen)
+        done = perf_counter()
+        stages = {"segment": segmented - started, "grid": gridded - segmented, "update": done - gridded}
+        timings_ms = {name: 1e3 * seconds for name, seconds in stages.items()}
+        return StepResult(frame, segmentation, T_map_camera, seen, counts, timings_ms)
+
+    def run(self, frames: Iterable[Frame]) -> Iterator[StepResult]:
+        """Map every frame of a source, one after another."""
+        return map(self.step, frames)
+
+    @property
+    def map(self) -> OccupancyGrid | None:
+        """The accumulated map; None until a frame with a pose has seen something."""
+        return None if self._mapper is None else self._mapper.grid
+
+    def costmap(self, grid: OccupancyGrid | None = None) -> Costmap | None:
+        """Costmap of `grid`, or of the accumulated map."""
+        grid = self.map if grid is None else grid
+        return None if grid is None else build_costmap(grid, self.config.costmap)
+
+    def _pose_of(self, frame: Frame) -> Pose:
+        if frame.T_map_camera is not None:
+            return frame.T_map_camera
+        if self._T_base_camera is None:
+            self._T_base_camera = configured_mount(self.config.mount)
+        if self._T_base_camera is None:
+            raise InputError(
+                f"frame {frame.name or frame.stamp_ns} has no pose and the mount is not known: "
+                "set mount.height_m and mount.pitch_deg"
+            )
+        return self._T_base_camera
+
+    def _check_clock(self, frame: Frame) -> None:
+        last = self._last_stamp_ns
+        if last is not None and frame.stamp_ns < last:
+            raise InputError(
+                f"frame {frame.name or frame.stamp_ns}: the clock went back by "
+                f"{(last - frame.stamp_ns) / 1e9:.3f} s; expected frames in order of time"
+            )
+        self._last_stamp_ns = frame.stamp_ns
+
+    def _window(self, intrinsics: Intrinsics, T_map_camera: Pose) -> GridSpec:
+        """The part of the lattice this frame can see: the configured grid, or the view cone's box."""
+        cloud, grid = self.config.cloud, self.config.grid
+        fixed = fixed_spec(grid, T_map_camera.parent)
+        if fixed is not None:
+            return fixed
+        return view_spec(intrinsics, T_map_camera, cloud.max_range_m, grid.resolution_m)
+
+
+def view_spec(
+    intrinsics: Intrinsics, T_map_camera: Pose, max_range_m: float, resolution_m: float
+) -> GridSpec:
+    """Smallest lattice grid around all that a camera can see up to a depth.
+
+    Args:
+        intrinsics: of the image.
+        T_map_camera: pose of the optical frame, z of the map up.
+        max_range_m: largest depth along the optical axis.
+        resolution_m: edge of a cell.
+
+    Returns:
+        The grid, in the pose's parent frame, on the lattice of whole cells from (0, 0).
+    """
+    ray_x, ray_y = intrinsics.ray_tables()
+    corners = [(x, y, 1.0) for x in (ray_x[0], ray_x[-1]) for y in (ray_y[0], ray_y[-1])]
+    points = T_map_camera.apply(np.array([(0.0, 0.0, 0.0), *corners]) * max_range_m)
+    edge = 2 * resolution_m  # rounding of the float32 kernel must not push a point over the rim
+    low, high = points[:, :2].min(axis=0) - edge, points[:, :2].max(axis=0) + edge
+    return GridSpec.covering(resolution_m, (low[0], low[1]), (high[0], high[1]), frame_id=T_map_camera.parent)
+
+
+def configured_mount(config: MountConfig) -> Pose | None:
+    """T_base_camera from the configuration, or None if it is to be measured from the ground seen.
+
+    Raises:
+        InvalidValueError: if only one of height and pitch is given.
+    """
+    if config.height_m is None and config.pitch_deg is None:
+        return None
+    if config.height_m is None or config.pitch_deg is None:
+        raise InvalidValueError("mount: expected height_m and pitch_deg together, or neither to measure both")
+    return mount_pose(
+        config.height_m, config.pitch_deg, config.roll_deg, config.yaw_deg, (config.x_m, config.y_m)
+    )
