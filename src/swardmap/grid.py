@@ -118,6 +118,19 @@ class GridSpec:
         ix, iy = np.moveaxis(np.asarray(cell), -1, 0)
         return np.asarray((ix >= 0) & (iy >= 0) & (ix < self.width) & (iy < self.height))
 
+    def part_within(self, other: "GridSpec") -> "GridSpec":
+        """The part of this grid, on its own lattice, that covers where `other` overlaps it.
+
+        Where they do not overlap it is one cell at the rim, since a grid has at least one.
+        """
+        x0, x1, y0, y1 = other.extent_m
+        size = np.array([self.width, self.height])
+        first = np.clip(self.cell_of([x0, y0]), 0, size - 1)
+        last = np.clip(self.cell_of([x1, y1]), first, size - 1)
+        origin = np.asarray(self.origin_m) + first * self.resolution_m
+        width, height = (last - first + 1).tolist()
+        return replace(self, width=width, height=height, origin_m=(origin[0], origin[1]))
+
     def offset_in(self, outer: "GridSpec") -> tuple[int, int]:
         """(ix, iy) of this grid's cell (0, 0) in a grid on the same lattice.
 

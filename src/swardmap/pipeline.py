@@ -139,10 +139,9 @@ class ObstacleMapper:
     def _window(self, intrinsics: Intrinsics, T_map_camera: Pose) -> GridSpec:
         """The part of the lattice this frame can see: the configured grid, or the view cone's box."""
         cloud, grid = self.config.cloud, self.config.grid
+        view = view_spec(intrinsics, T_map_camera, cloud.max_range_m, grid.resolution_m)
         fixed = fixed_spec(grid, T_map_camera.parent)
-        if fixed is not None:
-            return fixed
-        return view_spec(intrinsics, T_map_camera, cloud.max_range_m, grid.resolution_m)
+        return view if fixed is None else fixed.part_within(view)
 
 
 def view_spec(
