@@ -1,0 +1,85 @@
+"""Segmenters: what tells grass from obstacles in a colour image (Sec. 3.3).
+
+To add one: one file with `open_segmenter`, one entry in SEGMENTERS.
+"""
+
+import importlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Protocol, runtime_checkable
+
+from swardmap.config import SegmenterConfig
+from swardmap.errors import ConfigError
+from swardmap.labels import LabelSet
+from swardmap.types import Frame, Segmentation
+
+BUNDLED_FOLDER = Path(__file__).parent.parent / "data" / "models"
+BUNDLED_NAME = "lawn.onnx"
+
+
+@runtime_checkable
+class Segmenter(Protocol):
+    """Gives each pixel of a frame a class. One instance serves one thread: it keeps its buffers."""
+
+    @property
+    def name(self) -> str:
+        """What a person would call it; goes into reports."""
+
+    @property
+    def label_set(self) -> LabelSet:
+        """Classes that its masks may hold."""
+
+    def __call__(self, frame: Frame) -> Segmentation:
+        """Classes of the frame, at the segmenter's own size."""
+
+
+class SegmenterModule(Protocol):
+    """What a module named in SEGMENTERS offers."""
+
+    @staticmethod
+    def open_segmenter(config: SegmenterConfig, source_label_set: LabelSet | None) -> Segmenter:
+        """Make it ready to run, or raise a SwardmapError that says what is missing."""
+
+
+SEGMENTERS: Mapping[str, str] = {
+    "colour": "swardmap.models.colour",
+    "truth": "swardmap.models.oracle",
+    "onnx": "swardmap.models.onnx",
+}
+"""Kinds of segmenter and the module of each."""
+
+
+def bundled_network() -> Path | None:
+    """The network that comes with the package, or None in a package without it."""
+    path = BUNDLED_FOLDER / BUNDLED_NAME
+    return path if path.is_file() else None
+
+
+def build_segmenter(
+    config: SegmenterConfig | None = None, source_label_set: LabelSet | None = None
+) -> Segmenter:
+    """Make the segmenter that the configuration names.
+
+    Args:
+        config: `config.name` is `auto` (the bundled network, or colour where there is none), `colour`,
+            `truth`, or the path of an .onnx file.
+        source_label_set: classes of the recording's true labels, if it has any; `truth` needs it.
+
+    Raises:
+        ConfigError: for a name that is none of these.
+        ModelError: for a network file that is not what it should be.
+    """
+    config = config or SegmenterConfig()
+    kind = _kind_of(config.name)
+    module: SegmenterModule = importlib.import_module(SEGMENTERS[kind])  # type: ignore[assignment]
+    return module.open_segmenter(config, source_label_set)
+
+
+def _kind_of(name: str) -> str:
+    if name == "auto":
+        return "onnx" if bundled_network() else "colour"
+    if Path(name).suffix.lower() == ".onnx":
+        return "onnx"
+    if name in SEGMENTERS and name != "onnx":
+        return name
+    raise ConfigError(f"segmenter: expected auto, colour, truth or the path of an .onnx file, got '{name}'")

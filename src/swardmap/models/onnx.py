@@ -1,0 +1,220 @@
+"""Networks through ONNX Runtime: any file that carries swardmap's metadata, on any execution provider.
+
+Measured choices (reference figures in docs/models.md): optimisation ALL, threads = cores - 1, no
+spinning (a robot's cores are not free), pre-processing by OpenCV into a kept buffer, argmax by
+comparison.
+"""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swardmap.config import SegmenterConfig
+from swardmap.errors import ConfigError, ModelError
+from swardmap.labels import VOID_ID, LabelSet
+from swardmap.models import bundled_network
+from swardmap.models.spec import METADATA_KEY, NetworkSpec
+from swardmap.types import Frame, Segmentation
+
+Float32Array = NDArray[np.float32]
+
+
+class OnnxSegmenter:
+    """A network in an .onnx file.
+
+    Attributes:
+        spec: what the file says about itself.
+        provider: the ONNX Runtime execution provider that really runs it.
+    """
+
+    def __init__(self, path: Path, threads: int = 0, provider: str = "CPUExecutionProvider") -> None:
+        self._session = _open_session(path, threads, provider)
+        self.spec = _read_spec(self._session, path)
+        self.provider = provider
+        self._input = _input_name(self._session, self.spec, path)
+        self._buffer = np.zeros((1, 3, self.spec.height, self.spec.width), np.float32)
+        _check_output(self._logits_of_buffer, self.spec, path)
+
+    @property
+    def name(self) -> str:
+        """Name of the network."""
+        return self.spec.name
+
+    @property
+    def label_set(self) -> LabelSet:
+        """Classes of its masks."""
+        return self.spec.label_set
+
+    def __call__(self, frame: Frame) -> Segmentation:
+        """Classes of the frame with calibrated probabilities, at the network's size."""
+        labels, confidence = self.segment(frame.rgb)
+        return Segmentation(labels, self.spec.label_set, confidence)
+
+    def segment(self, rgb: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], Float32Array]:
+        """Class and its probability for each pixel.
+
+        Args:
+            rgb: (H, W, 3) uint8.
+
+        Returns:
+            (h, w) uint8 class ids and (h, w) float32, h x w being the network's output size.
+        """
+        preprocess(rgb, self.spec, self._buffer)
+        return decide(self._logits_of_buffer(), self.spec)
+
+    def _logits_of_buffer(self) -> Float32Array:
+        outputs: list[Float32Array] = self._session.run(None, {self._input: self._buffer})
+        return outputs[0]
+
+
+def preprocess(rgb: NDArray[np.uint8], spec: NetworkSpec, buffer: Float32Array) -> None:
+    """Stretch and normalise an image into the network's input.
+
+    Args:
+        rgb: (H, W, 3) uint8.
+        spec: of the network.
+        buffer: (1, 3, h, w) float32, written in place.
+    """
+    import cv2
+
+    size = (spec.width, spec.height)
+    coarse = rgb.shape[1] > 2 * spec.width or rgb.shape[0] > 2 * spec.height
+    if rgb.shape[1::-1] != size:  # linear skips pixels when it shrinks by more than two
+        rgb = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA if coarse else cv2.INTER_LINEAR)
+    planes = cv2.split(rgb)
+    if spec.colour_order == "bgr":
+        planes = planes[::-1]
+    for channel, plane in enumerate(planes):
+        scale = 1 / (255 * spec.std[channel])
+        shift = -spec.mean[channel] / spec.std[channel]
+        cv2.addWeighted(plane, scale, plane, 0, shift, dst=buffer[0, channel], dtype=cv2.CV_32F)
+
+
+def decide(logits: Float32Array, spec: NetworkSpec) -> tuple[NDArray[np.uint8], Float32Array]:
+    """Most probable class and its calibrated probability.
+
+    Args:
+        logits: (1, C, h, w) float32.
+        spec: of the network.
+
+    Returns:
+        (h, w) uint8 class ids, void where a logit is not a number, and (h, w) float32 probabilities.
+    """
+    ids = np.array(spec.channel_ids, np.uint8)
+    if spec.activation == "sigmoid":
+        second = logits[0, 0]
+        labels = np.where(second > 0, ids[1], ids[0])
+        others = np.exp(-np.abs(second) / np.float32(spec.temperature))
+        return _void_where_nan(labels, 1 / (1 + others))
+    planes = logits[0]
+    best, labels = planes[0].copy(), np.full(planes.shape[1:], ids[0], np.uint8)
+    for channel in range(1, len(planes)):  # numpy's argmax takes 8 times as long
+        wins = planes[channel] > best
+        labels[wins] = ids[channel]
+        np.maximum(best, planes[channel], out=best)
+    total = np.exp((planes - best) / np.float32(spec.temperature)).sum(0)
+    return _void_where_nan(labels, 1 / total)
+
+
+def open_segmenter(
+    config: SegmenterConfig,
+    source_label_set: LabelSet | None = None,  # noqa: ARG001 - the module contract
+) -> OnnxSegmenter:
+    """Load the network that the configuration names; `auto` is the bundled one.
+
+    Raises:
+        ModelError: for a file that is missing, damaged, or no network of swardmap's.
+        ConfigError: for a provider that this ONNX Runtime does not have.
+    """
+    path = bundled_network() if config.name == "auto" else Path(config.name)
+    if path is None:
+        raise ModelError("this package holds no network; name an .onnx file, or colour")
+    return OnnxSegmenter(path, config.threads, config.provider)
+
+
+def _open_session(path: Path, threads: int, provider: str) -> Any:
+    import onnxruntime
+
+    if not path.is_file():
+        raise ModelError(f"no such network file: {path}")
+    available = onnxruntime.get_available_providers()
+    if provider not in available:
+        raise ConfigError(
+            f"execution provider {provider}: this ONNX Runtime offers {', '.join(available)}; "
+            "choose one, or install the build that has it (such as onnxruntime-gpu)"
+        )
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = threads or max(1, (os.cpu_count() or 2) - 1)
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+    options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_ENABLE_ALL
+    options.log_severity_level = 4  # faults are raised below, once
+    try:
+        session = onnxruntime.InferenceSession(str(path), options, providers=[provider])
+    except Exception as error:  # the runtime's exceptions share no narrower base
+        raise ModelError(
+            f"{path}: expected an ONNX network, got a file that does not load; "
+            f"it may be cut short or of another kind ({_first_line(error)})"
+        ) from error
+    running = session.get_providers()[0]
+    if running != provider:
+        raise ModelError(f"{path}: expected to run on {provider}, but ONNX Runtime fell back to {running}")
+    return session
+
+
+def _read_spec(session: Any, path: Path) -> NetworkSpec:
+    text = session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)
+    if text is None:
+        raise ModelError(
+            f"{path}: expected the metadata '{METADATA_KEY}' (input size, classes), got a network without; "
+            "make the file with `swardmap export`"
+        )
+    return NetworkSpec.from_json(text, str(path))
+
+
+def _input_name(session: Any, spec: NetworkSpec, path: Path) -> str:
+    inputs, outputs = session.get_inputs(), session.get_outputs()
+    if len(inputs) != 1 or not outputs or inputs[0].type != "tensor(float)":
+        raise ModelError(
+            f"{path}: expected one float input and an output, got {[(i.name, i.type) for i in inputs]} "
+            f"and {len(outputs)} outputs"
+        )
+    wanted = (1, 3, spec.height, spec.width)
+    shape = inputs[0].shape
+    fits = len(shape) == 4 and all(
+        not isinstance(n, int) or n == w for n, w in zip(shape, wanted, strict=True)
+    )
+    if not fits:
+        raise ModelError(f"{path}: its metadata says input {wanted}, the network takes {shape}")
+    name: str = inputs[0].name
+    return name
+
+
+def _check_output(logits_of_buffer: Callable[[], Float32Array], spec: NetworkSpec, path: Path) -> None:
+    try:
+        logits = logits_of_buffer()
+    except Exception as error:
+        raise ModelError(f"{path}: the network loads but does not run: {_first_line(error)}") from error
+    shape = getattr(logits, "shape", ())
+    if len(shape) != 4 or shape[:2] != (1, spec.channels) or getattr(logits, "dtype", None) != np.float32:
+        raise ModelError(
+            f"{path}: its metadata says {spec.channels} output channels ({spec.activation}), "
+            f"expected float32 (1, {spec.channels}, h, w), got {getattr(logits, 'dtype', '?')} {shape}"
+        )
+
+
+def _void_where_nan(
+    labels: NDArray[np.uint8], confidence: Float32Array
+) -> tuple[NDArray[np.uint8], Float32Array]:
+    if not np.isfinite(confidence.min()):  # min passes NaN on
+        lost = ~np.isfinite(confidence)
+        labels = np.where(lost, np.uint8(VOID_ID), labels)
+        confidence = np.where(lost, np.float32(0), confidence)
+    return labels, confidence.astype(np.float32, copy=False)
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).strip().splitlines() or [type(error).__name__])[0][:200]
