@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from time import perf_counter
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -18,15 +18,20 @@ from swardmap.roads import PixelCounts, filtered_cloud, fused_grid, staged_grid
 from swardmap.types import Frame, LabeledCloud, Segmentation
 
 
+@runtime_checkable
 class Segmenter(Protocol):
-    """Tells the classes of an image: a network, the true labels, a rule."""
+    """Gives each pixel of a frame a class. One instance serves one thread: it keeps its buffers."""
+
+    @property
+    def name(self) -> str:
+        """What a person would call it; goes into reports."""
 
     @property
     def label_set(self) -> LabelSet:
-        """What the ids of its masks mean."""
+        """Classes that its masks may hold."""
 
     def __call__(self, frame: Frame) -> Segmentation:
-        """Classes of `frame.rgb`, at any size."""
+        """Classes of the frame, at the segmenter's own size."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

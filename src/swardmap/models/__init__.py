@@ -6,31 +6,15 @@ To add one: one file with `open_segmenter`, one entry in SEGMENTERS.
 import importlib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 from swardmap.config import SegmenterConfig
 from swardmap.errors import ConfigError
 from swardmap.labels import LabelSet
-from swardmap.types import Frame, Segmentation
+from swardmap.pipeline import Segmenter
 
 BUNDLED_FOLDER = Path(__file__).parent.parent / "data" / "models"
 BUNDLED_NAME = "lawn.onnx"
-
-
-@runtime_checkable
-class Segmenter(Protocol):
-    """Gives each pixel of a frame a class. One instance serves one thread: it keeps its buffers."""
-
-    @property
-    def name(self) -> str:
-        """What a person would call it; goes into reports."""
-
-    @property
-    def label_set(self) -> LabelSet:
-        """Classes that its masks may hold."""
-
-    def __call__(self, frame: Frame) -> Segmentation:
-        """Classes of the frame, at the segmenter's own size."""
 
 
 class SegmenterModule(Protocol):
