@@ -1,0 +1,123 @@
+"""Which depth image belongs to which colour image: by time, in one pass, with bounded memory."""
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+Item = TypeVar("Item")
+
+COLOR, DEPTH = "color", "depth"
+
+REASON_COLOR = "colour image without a depth image near in time"
+REASON_DEPTH = "depth image without a colour image near in time"
+REASON_ORDER = "image not later than the one before it"
+
+
+@dataclass(frozen=True, slots=True)
+class _Image(Generic[Item]):
+    kind: str
+    stamp_ns: int
+    item: Item
+
+
+@dataclass(frozen=True, slots=True)
+class Pair(Generic[Item]):
+    """A colour image and the depth image that belongs to it."""
+
+    stamp_ns: int
+    color: Item
+    depth: Item
+
+
+class Pairer(Generic[Item]):
+    """Pairs two streams of images: neighbours in time, neither with a nearer neighbour on its other side.
+
+    No image is used twice, pairs come in order of time, and no choice depends on how far one stream
+    runs ahead of the other. Of two depth images as near, the later is taken (of colour the earlier), so
+    that streams half a period apart still pair.
+
+    Args:
+        tolerance_ns: largest distance in time.
+        limit: images held of each stream; beyond it the other stream counts as absent.
+    """
+
+    def __init__(self, tolerance_ns: int, limit: int = 60) -> None:
+        self.skipped = {REASON_COLOR: 0, REASON_DEPTH: 0, REASON_ORDER: 0}
+        self._tolerance_ns = tolerance_ns
+        self._limit = limit
+        self._waiting: dict[str, deque[_Image[Item]]] = {COLOR: deque(), DEPTH: deque()}
+        self._newest: dict[str, int] = {}
+        self._merged_ns: int | None = None
+        self._chain: deque[_Image[Item]] = deque()  # the last images in order of time, not yet decided
+        self._gap_before: tuple[float, int] = (float("inf"), 0)
+
+    def add(self, kind: str, stamp_ns: int, item: Item) -> Iterator[Pair[Item]]:
+        """Take the next image of one stream.
+
+        Args:
+            kind: COLOR or DEPTH.
+            stamp_ns: its time; an image not later than the one before it is left out and counted.
+            item: whatever is to be paired.
+
+        Yields:
+            The pairs that are now certain.
+        """
+        before = self._newest.get(kind)
+        late = self._merged_ns is not None and stamp_ns < self._merged_ns
+        if late or (before is not None and stamp_ns <= before):
+            self.skipped[REASON_ORDER] += 1
+            return
+        self._newest[kind] = stamp_ns
+        self._waiting[kind].append(_Image(kind, stamp_ns, item))
+        colors, depths = self._waiting[COLOR], self._waiting[DEPTH]
+        while (colors and depths) or max(len(colors), len(depths)) > self._limit:
+            yield from self._follow(self._earliest())
+
+    def flush(self) -> Iterator[Pair[Item]]:
+        """Yield what is left when both streams have ended."""
+        while any(self._waiting.values()):
+            yield from self._follow(self._earliest())
+        yield from self._decide(until=0)
+
+    def _earliest(self) -> _Image[Item]:
+        """Take the next image in order of time; of two at the same time the colour image is first."""
+        colors, depths = self._waiting[COLOR], self._waiting[DEPTH]
+        first = colors if colors and (not depths or colors[0].stamp_ns <= depths[0].stamp_ns) else depths
+        image = first.popleft()
+        self._merged_ns = image.stamp_ns
+        return image
+
+    def _follow(self, image: _Image[Item]) -> Iterator[Pair[Item]]:
+        self._chain.append(image)
+        yield from self._decide(until=2)
+
+    def _decide(self, until: int) -> Iterator[Pair[Item]]:
+        """Pair or drop the first image of the chain while `until` images stay to compare with.
+
+        A pair is two neighbours of the chain whose gap is smaller than the gaps on both sides.
+        """
+        while len(self._chain) > until:
+            first = self._chain.popleft()
+            if not self._chain:
+                self._leave(first)
+                return
+            gap = self._gap(first, self._chain[0])
+            after = self._gap(*list(self._chain)[:2]) if len(self._chain) > 1 else (float("inf"), 0)
+            if gap[0] <= self._tolerance_ns and self._gap_before > gap < after:
+                second = self._chain.popleft()
+                color, depth = (first, second) if first.kind == COLOR else (second, first)
+                self._gap_before = after
+                yield Pair(color.stamp_ns, color.item, depth.item)
+            else:
+                self._gap_before = gap
+                self._leave(first)
+
+    def _gap(self, first: _Image[Item], second: _Image[Item]) -> tuple[float, int]:
+        """What to compare: the time between, and for equal times the order; infinite for equal kinds."""
+        if first.kind == second.kind:
+            return float("inf"), 0
+        return second.stamp_ns - first.stamp_ns, int(first.kind == DEPTH)
+
+    def _leave(self, image: _Image[Item]) -> None:
+        self.skipped[REASON_COLOR if image.kind == COLOR else REASON_DEPTH] += 1
