@@ -1,0 +1,45 @@
+# Each target does its own set-up on a fresh machine with Python 3.11 or newer.
+PYTHON ?= python3
+VENV   ?= .venv
+BIN    := $(VENV)/bin
+READY  := $(VENV)/.ready
+
+.PHONY: demo test test-slow check format bench wheel-check clean
+
+$(READY): pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "swardmap needs Python 3.11 or newer; name one: make PYTHON=python3.12 ..."; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	@touch $@
+
+demo: $(READY)            ## the main job: a garden to an obstacle map, pictures in demo/
+	$(BIN)/swardmap demo --out demo --overwrite
+
+test: $(READY)            ## all tests but the slow ones
+	$(BIN)/python -m pytest -n auto
+
+test-slow: $(READY)       ## the slow tests
+	$(BIN)/python -m pytest -m slow
+
+check: $(READY)           ## linters and types
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+format: $(READY)          ## put the code in order
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+bench: $(READY)           ## the numbers of docs/benchmarks.md
+	$(BIN)/python benchmarks/bench_pipeline.py
+
+wheel-check: $(READY)     ## build the wheel, install it in a clean environment, run the demo from it
+	rm -rf build dist
+	$(BIN)/python -m build --wheel --outdir dist .
+	rm -rf build/clean && $(PYTHON) -m venv build/clean
+	build/clean/bin/python -m pip install --quiet --disable-pip-version-check dist/*.whl
+	cd build && clean/bin/swardmap demo --out demo --frames 3 --overwrite
+
+clean:
+	rm -rf build dist demo .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -1,0 +1,69 @@
+"""The verbs, and the edge at which known errors become one line."""
+
+import sys
+
+import typer
+
+from swardmap import __version__
+from swardmap.cli.config import config
+from swardmap.cli.convert import convert
+from swardmap.cli.demo import demo
+from swardmap.cli.doctor import doctor
+from swardmap.cli.map import map_command
+from swardmap.errors import SwardmapError
+
+app = typer.Typer(
+    name="swardmap",
+    help="From RGB-D to an obstacle map a mowing robot can trust.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"swardmap {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _top(
+    version: bool = typer.Option(
+        False, "--version", callback=_show_version, is_eager=True, help="Print the version."
+    ),
+) -> None:
+    """From RGB-D to an obstacle map a mowing robot can trust."""
+
+
+app.command("map")(map_command)
+app.command("demo")(demo)
+app.command("convert")(convert)
+app.command("config")(config)
+app.command("doctor")(doctor)
+
+
+def run(arguments: list[str]) -> int:
+    """Run one command line.
+
+    Returns:
+        0 if all went well, 1 for a known error, 2 for wrong usage, 130 after Ctrl-C.
+    """
+    try:
+        result = app(arguments, standalone_mode=False)
+    except SwardmapError as error:
+        print(f"swardmap: {error}", file=sys.stderr)
+        return 1
+    except (KeyboardInterrupt, typer.Abort):
+        print("swardmap: interrupted", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        return 0
+    except Exception as error:
+        show = getattr(error, "show", None)  # click's usage errors
+        if show is None:
+            raise
+        show()
+        return int(getattr(error, "exit_code", 2))
+    return result if isinstance(result, int) else 0

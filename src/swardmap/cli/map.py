@@ -1,0 +1,77 @@
+"""`swardmap map`: a recording to an obstacle map."""
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from swardmap.cli.options import ConfigFile, Json, Overwrite, Progress, Settings, settings
+
+EPILOG = """Examples:
+
+  swardmap map recording/ -o out/
+
+  swardmap map drive.mcap -o out/ --segmenter lawn.onnx --resolution 0.1
+
+  swardmap map drive.bag -o out/ --set source.depth_topic=/camera/depth/image_raw
+"""
+
+
+def map_command(
+    source: Annotated[Path, typer.Argument(help="Recording: a folder, a ROS bag, an MCAP file.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.")],
+    kind: Annotated[
+        str | None, typer.Option("--format", help="Kind of recording, if it is not recognised.")
+    ] = None,
+    segmenter: Annotated[str | None, typer.Option(help="auto, colour, truth, or an .onnx file.")] = None,
+    resolution: Annotated[float | None, typer.Option(help="Edge of a map cell in metres.")] = None,
+    margin: Annotated[
+        float | None, typer.Option(help="Margin in metres that obstacles are grown by.")
+    ] = None,
+    pictures: Annotated[int | None, typer.Option(help="A picture of every n-th frame; 0 = none.")] = None,
+    clouds: Annotated[str | None, typer.Option(help="Cloud of each frame: none, pcd, ply.")] = None,
+    config: ConfigFile = None,
+    set_: Settings = None,
+    overwrite: Overwrite = False,
+    as_json: Json = False,
+) -> None:
+    """Turn a recording into an obstacle map that Nav2 reads: map, costmap, clouds, pictures, summary."""
+    flags = {
+        "source.format": kind, "segmenter.name": segmenter, "grid.resolution_m": resolution,
+        "costmap.margin_m": margin, "output.pictures": pictures, "output.clouds": clouds,
+    }  # fmt: skip
+    # the named options are the last word: they are the most explicit ones
+    overrides = [
+        *(set_ or []),
+        *(f"{key}={json.dumps(value)}" for key, value in flags.items() if value is not None),
+    ]
+    chosen = settings(config, overrides)
+
+    from swardmap.io import open_source
+    from swardmap.recording import map_recording
+
+    frames = open_source(source, chosen.source)
+    with Progress(frames.frame_count, quiet=as_json) as on_step:
+        run = map_recording(frames, out, chosen, overwrite=overwrite, on_step=on_step)
+    print(json.dumps(run.summary, indent=2) if as_json else report(run.summary, out))
+
+
+def report(summary: dict[str, Any], out: Path) -> str:
+    """What a person wants to know after a run, in a few lines."""
+    found = summary["map"]
+    lines = [f"{summary['frames']} frames mapped with '{summary['segmenter']}'"]
+    left_out = {reason: n for reason, n in summary["skipped"].items() if n}
+    if left_out:
+        lines.append("left out: " + ", ".join(f"{n} x {reason}" for reason, n in left_out.items()))
+    if found is None:
+        lines.append("no poses: each frame has a map of its own in maps/")
+    else:
+        cells, width, height = found["cells"], *found["size_cells"]
+        lines.append(
+            f"map {width} x {height} cells of {found['resolution_m']:g} m: {cells['grass']} grass, "
+            f"{cells['obstacle']} obstacle, {cells['person']} person, {cells['unknown']} unknown"
+        )
+    stages = ", ".join(f"{stage} {t['p50']:.1f}" for stage, t in summary["timings_ms"].items())
+    lines += [f"median milliseconds a frame: {stages}", f"results in {out}"]
+    return "\n".join(lines)

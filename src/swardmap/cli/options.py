@@ -1,0 +1,66 @@
+"""Options that several verbs share."""
+
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from swardmap.config import Config, load_config
+from swardmap.pipeline import StepResult
+
+ConfigFile = Annotated[
+    Path | None, typer.Option("--config", "-c", help="YAML file with any part of the settings.")
+]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set", metavar="KEY=VALUE", help="One setting, such as grid.resolution_m=0.1. Repeatable."
+    ),
+]
+Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON, for programs.")]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace OUT if swardmap made it.")]
+
+
+def settings(file: Path | None, overrides: list[str]) -> Config:
+    """The configuration of a command: defaults < file < environment < --set."""
+    return load_config(file, os.environ, overrides)
+
+
+class Progress:
+    """A progress bar on a terminal, plain lines when not; used as `with Progress(n) as on_step`.
+
+    Args:
+        total: number of frames, or None if it cannot be known.
+        quiet: show nothing, for --json.
+    """
+
+    def __init__(self, total: int | None, quiet: bool = False) -> None:
+        self._total, self._quiet, self._done = total, quiet, 0
+        self._bar: Any = None
+
+    def __enter__(self) -> Callable[[StepResult], None]:
+        if not self._quiet and sys.stderr.isatty():
+            from rich.console import Console
+            from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+            from rich.progress import Progress as Bar
+
+            columns = (TextColumn("mapping"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+            self._bar = Bar(*columns, console=Console(stderr=True))
+            self._bar.start()
+            self._task = self._bar.add_task("frames", total=self._total)
+        return self.step
+
+    def __exit__(self, *_: object) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def step(self, _: StepResult) -> None:
+        """One frame is done."""
+        self._done += 1
+        if self._bar is not None:
+            self._bar.advance(self._task)
+        elif not self._quiet and (self._done % 100 == 0 or self._done == self._total):
+            print(f"mapped {self._done} of {self._total or '?'} frames", file=sys.stderr)

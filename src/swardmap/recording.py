@@ -1,0 +1,244 @@
+"""A whole recording, from source to files: what `swardmap map` does, as one call.
+
+from swardmap.recording import map_recording
+run = map_recording("my_recording", out="my_map")
+"""
+
+import platform
+from array import array
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, field
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from swardmap import __version__
+from swardmap.config import Config, config_to_dict
+from swardmap.costmap import Costmap
+from swardmap.errors import InputError
+from swardmap.geometry import Pose
+from swardmap.grid import OccupancyGrid
+from swardmap.io import FrameSource, open_source
+from swardmap.labels import MapClass
+from swardmap.pipeline import ObstacleMapper, Segmenter, StepResult, configured_mount
+from swardmap.roads import PixelCounts
+from swardmap.types import Frame
+
+OnStep = Callable[[StepResult], None]
+
+
+@dataclass(slots=True)
+class RunTotals:
+    """Sums over the frames of a run, small enough to keep for hours of driving."""
+
+    frames: int = 0
+    pixels: PixelCounts | None = None
+    timings_ms: dict[str, "array[float]"] = field(default_factory=dict)
+    without_pose: int = 0
+
+    def add(self, step: StepResult) -> None:
+        """Count one frame."""
+        self.frames += 1
+        self.pixels = step.counts if self.pixels is None else self.pixels + step.counts
+        self.without_pose += step.frame.T_map_camera is None
+        for stage, milliseconds in step.timings_ms.items():
+            self.timings_ms.setdefault(stage, array("f")).append(milliseconds)
+
+    def timing_summary(self) -> dict[str, dict[str, float]]:
+        """Mean, median and 99th percentile of each stage in milliseconds."""
+        return {
+            stage: {
+                "mean": round(float(np.mean(values)), 3),
+                "p50": round(float(np.percentile(values, 50)), 3),
+                "p99": round(float(np.percentile(values, 99)), 3),
+            }
+            for stage, values in self.timings_ms.items()
+        }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MapRun:
+    """What mapping a recording gave.
+
+    Attributes:
+        grid: the accumulated map; None if no frame had a pose.
+        costmap: its costmap.
+        totals: sums over the frames.
+        summary: what summary.json holds.
+    """
+
+    grid: OccupancyGrid | None
+    costmap: Costmap | None
+    totals: RunTotals
+    summary: dict[str, Any]
+
+
+def map_recording(
+    recording: str | Path | FrameSource,
+    out: str | Path | None = None,
+    config: Config | None = None,
+    segmenter: Segmenter | None = None,
+    overwrite: bool = False,
+    on_step: OnStep | None = None,
+) -> MapRun:
+    """Map a recording, and write the results if `out` is given.
+
+    Args:
+        recording: a folder or file, or an open source.
+        out: folder for the results; it appears complete at the end, or not at all. On Ctrl-C it holds
+            what was finished, and KeyboardInterrupt is raised again.
+        config: all settings.
+        segmenter: in place of the configured one.
+        overwrite: replace `out` if swardmap made it.
+        on_step: called after each frame, for progress or display.
+
+    Raises:
+        InputError: if the recording cannot be read, or holds no frame.
+        OutputError: if the results cannot be written.
+    """
+    config = config or Config()
+    if out is None:
+        return _mapped(recording, config, segmenter, None, on_step)
+    from swardmap.io.files import new_output_folder
+
+    interrupted = False
+    with new_output_folder(out, overwrite) as folder:
+        try:
+            run = _mapped(recording, config, segmenter, folder, on_step)
+        except _InterruptedError as stop:
+            run, interrupted = stop.run, True
+    if interrupted:
+        raise KeyboardInterrupt
+    return run
+
+
+class _InterruptedError(Exception):
+    """Ctrl-C after at least one frame; carries what was finished."""
+
+    def __init__(self, run: MapRun) -> None:
+        super().__init__("interrupted")
+        self.run = run
+
+
+def _mapped(
+    recording: str | Path | FrameSource,
+    config: Config,
+    segmenter: Segmenter | None,
+    folder: Path | None,
+    on_step: OnStep | None,
+) -> MapRun:
+    from swardmap.models import build_segmenter
+
+    source = open_source(recording, config.source) if isinstance(recording, (str, Path)) else recording
+    segmenter = segmenter or build_segmenter(config.segmenter, source.label_set)
+    writer = None
+    if folder is not None:
+        from swardmap.io.run_files import RunWriter
+
+        writer = RunWriter(folder, config)
+    frames = iter(source)
+    first = next(frames, None)
+    if first is None:
+        raise InputError(f"{source.name} holds no frame that can be mapped{_reasons(source)}")
+    T_base_camera, how = _mount(first, config)
+    mapper = ObstacleMapper(segmenter, config, T_base_camera)
+    totals, interrupted = RunTotals(), False
+    try:
+        for step in mapper.run(_chain(first, frames)):
+            totals.add(step)
+            if writer is not None:
+                writer.add(step, mapper)
+            if on_step is not None:
+                on_step(step)
+    except KeyboardInterrupt:
+        interrupted = True
+        if totals.frames == 0:
+            raise
+    grid, costmap = mapper.map, mapper.costmap()
+    summary = _summary(source, segmenter, config, totals, grid, interrupted)
+    summary["mount"] = {"source": how} | ({} if T_base_camera is None else _mount_facts(T_base_camera))
+    if writer is not None:
+        writer.finish(grid, costmap, summary)
+    run = MapRun(grid, costmap, totals, summary)
+    if interrupted:
+        raise _InterruptedError(run)
+    return run
+
+
+def _chain(first: Frame, rest: Iterator[Frame]) -> Iterator[Frame]:
+    yield first
+    yield from rest
+
+
+def _mount(first: Frame, config: Config) -> tuple[Pose | None, str]:
+    """T_base_camera for frames without poses, and where it comes from."""
+    T_base_camera = configured_mount(config.mount)
+    if T_base_camera is not None:
+        return T_base_camera, "configured"
+    if first.T_map_camera is not None:
+        return None, "poses of the recording"
+    from swardmap.level import estimate_mount
+
+    return estimate_mount(first), "measured from the ground in the first frame"
+
+
+def _mount_facts(T_base_camera: Pose) -> dict[str, float]:
+    forward = T_base_camera.matrix[:3, 2]
+    return {
+        "height_m": round(float(T_base_camera.position_m[2]), 4),
+        "pitch_deg": round(float(np.rad2deg(np.arcsin(np.clip(-forward[2], -1, 1)))), 3),
+    }
+
+
+def _reasons(source: FrameSource) -> str:
+    left_out = ", ".join(f"{n} x {reason}" for reason, n in source.skipped.items() if n)
+    return f" (left out: {left_out})" if left_out else ""
+
+
+def _summary(
+    source: FrameSource,
+    segmenter: Segmenter,
+    config: Config,
+    totals: RunTotals,
+    grid: OccupancyGrid | None,
+    interrupted: bool,
+) -> dict[str, Any]:
+    return {
+        "source": {"name": source.name, "frame_count": source.frame_count},
+        "frames": totals.frames,
+        "frames_without_pose": totals.without_pose,
+        "skipped": dict(source.skipped),
+        "interrupted": interrupted,
+        "segmenter": segmenter.name,
+        "pixels": asdict(totals.pixels) if totals.pixels else {},
+        "map": None if grid is None else _map_facts(grid),
+        "timings_ms": totals.timing_summary(),
+        "versions": versions(),
+        "config": config_to_dict(config),
+    }
+
+
+def _map_facts(grid: OccupancyGrid) -> dict[str, Any]:
+    area_m2 = grid.spec.resolution_m**2
+    return {
+        "frame": grid.spec.frame_id,
+        "resolution_m": grid.spec.resolution_m,
+        "size_cells": [grid.spec.width, grid.spec.height],
+        "origin_m": list(grid.spec.origin_m),
+        "cells": {c.name.lower(): grid.count(c) for c in MapClass},
+        "seen_m2": round(area_m2 * int(np.count_nonzero(grid.classes)), 3),
+    }
+
+
+def versions() -> dict[str, str]:
+    """Versions of swardmap, Python and the packages that shape a result."""
+    names = ("numpy", "numba", "opencv-python-headless", "onnxruntime", "scipy", "rosbags")
+    found = {"swardmap": __version__, "python": platform.python_version()}
+    for name in names:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return found
