@@ -69,7 +69,8 @@ class GridSpec:
         ix, iy = (int(np.floor(low / r)) for low in lower_m)
         nx = max(1, int(np.ceil(upper_m[0] / r)) - ix)
         ny = max(1, int(np.ceil(upper_m[1] / r)) - iy)
-        return cls(r, nx, ny, (ix * r, iy * r), frame_id)
+        corner = round(ix * r, 9), round(iy * r, 9)  # -11.7, not -11.700000000000001
+        return cls(r, nx, ny, corner, frame_id)
 
     @property
     def shape(self) -> tuple[int, int]:
