@@ -90,7 +90,9 @@ def opencv(frame: Frame, mask: Segmentation) -> NDArray[np.uint8]:
     labels = cv2.resize(mask.labels, (width, height), interpolation=cv2.INTER_NEAREST)
     cloud = DEPTH_TO_3D(frame.depth, frame.intrinsics.matrix)
     matrix = frame.T_map_camera.matrix[:3]
-    moved = cv2.transform(cloud.reshape(-1, 1, 3)[..., :3], matrix).reshape(-1, 3)
+    moved = cv2.transform(
+        np.ascontiguousarray(cloud.reshape(-1, 1, cloud.shape[-1])[..., :3]), matrix
+    ).reshape(-1, 3)
     keep = (frame.depth.ravel() >= 300) & (frame.depth.ravel() <= 8000)
     return _grid_of(moved[keep], labels.ravel()[keep], spec)
 
