@@ -1,0 +1,171 @@
+"""Reference map and predicted map of one frame, and their comparison (Sec. 4.3)."""
+
+from collections import Counter
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from swardmap.config import Config
+from swardmap.errors import InputError, InvalidValueError
+from swardmap.eval.confusion import confusion_of_maps
+from swardmap.eval.dmin import Misses, find_misses, nearest_hits
+from swardmap.eval.tally import RANGE_BANDS_M, MapTally, MissedKind, MissKind
+from swardmap.geometry import Pose
+from swardmap.grid import GridSpec, OccupancyGrid
+from swardmap.pipeline import view_spec
+from swardmap.roads import fused_grid, staged_grid
+from swardmap.types import Frame, Segmentation
+
+PROTOCOLS = ("dense", "paper")
+"""dense: the reference takes every valid pixel, unfiltered. paper: it takes the predicted map's filter
+and downsampling, so that both maps agree on what is unknown (Table 6)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MapComparison:
+    """One predicted map against its reference.
+
+    Attributes:
+        reference, predicted: the maps, on one grid.
+        misses: the FN cells, their distances, and the missed obstacles.
+        tally: what adds up.
+    """
+
+    reference: OccupancyGrid
+    predicted: OccupancyGrid
+    misses: Misses
+    tally: MapTally
+
+
+def compare_maps(
+    reference: OccupancyGrid, predicted: OccupancyGrid, camera_xy_m: ArrayLike = (0.0, 0.0)
+) -> MapComparison:
+    """Compare two maps of one grid.
+
+    Args:
+        reference: the truth.
+        predicted: what is to be judged.
+        camera_xy_m: where distances for the range bands are measured from.
+    """
+    if reference.spec != predicted.spec:
+        raise InvalidValueError(f"expected maps on one grid, got {reference.spec} and {predicted.spec}")
+    misses = find_misses(reference.classes, predicted.classes)
+    centers = reference.spec.center_of(misses.cells)
+    away = np.hypot(*(centers - np.asarray(camera_xy_m, np.float64)).T)
+    bands = np.searchsorted(RANGE_BANDS_M, away, side="right") - 1
+    columns = (misses.person, misses.from_person, misses.found, bands, misses.squared)
+    kinds = Counter(map(MissKind._make, zip(*(c.tolist() for c in columns), strict=True)))
+    tally = MapTally(
+        resolution_m=reference.spec.resolution_m,
+        frames=1,
+        frames_with_misses=int(len(misses.cells) > 0),
+        frames_without_hit=int(len(misses.cells) > 0 and misses.hits == 0),
+        matrix=confusion_of_maps(reference.classes, predicted.classes),
+        misses=dict(kinds),
+        obstacles=misses.obstacles,
+        missed=dict(Counter(MissedKind(m.person, m.cells, m.called_free) for m in misses.missed)),
+    )
+    return MapComparison(reference, predicted, misses, tally)
+
+
+def protocol_configs(config: Config, protocol: str) -> tuple[Config, Config]:
+    """Settings of the reference map and of the predicted map.
+
+    Range and height limits stay in both: they say what the map is about. In the paper's protocol one
+    point is enough for a cell of either map: otherwise a cell of two grass points and one obstacle point
+    would be unknown in one map and not in the other.
+
+    Args:
+        config: of the robot.
+        protocol: see PROTOCOLS.
+    """
+    if protocol == "dense":
+        return dense(config), config
+    if protocol == "paper":
+        same = replace(config, grid=replace(config.grid, min_points=1))
+        return same, same
+    raise InvalidValueError(f"expected a protocol of {', '.join(PROTOCOLS)}, got '{protocol}'")
+
+
+def dense(config: Config) -> Config:
+    """Every valid pixel within the limits counts: no filter, and one point is enough for a cell."""
+    cloud = replace(config.cloud, consistent_neighbours=0, voxel_m=0.0, outliers="none")
+    return replace(config, cloud=cloud, grid=replace(config.grid, min_points=1))
+
+
+def at_resolution(config: Config, resolution_m: float) -> Config:
+    """The same settings with cells of another size."""
+    return replace(config, grid=replace(config.grid, resolution_m=resolution_m))
+
+
+def frame_map(
+    frame: Frame, segmentation: Segmentation, T_map_camera: Pose, config: Config, spec: GridSpec | None = None
+) -> OccupancyGrid:
+    """The standalone map of one frame, as the pipeline makes it.
+
+    Args:
+        frame: aligned images.
+        segmentation: its mask.
+        T_map_camera: pose of the camera.
+        config: filters, resolution, points a cell needs.
+        spec: grid to use; None = all that the camera can see.
+    """
+    spec = spec or view_spec(
+        frame.intrinsics, T_map_camera, config.cloud.max_range_m, config.grid.resolution_m
+    )
+    road = fused_grid if config.road == "fused" else staged_grid
+    grid, _ = road(frame, segmentation, T_map_camera, spec, config.cloud, config.grid.min_points)
+    return grid
+
+
+def compare_frame(
+    frame: Frame, segmentation: Segmentation, T_map_camera: Pose, config: Config, protocol: str = "dense"
+) -> MapComparison:
+    """The map of one frame against its reference map.
+
+    Args:
+        frame: with true labels.
+        segmentation: what the segmenter says of it.
+        T_map_camera: pose of the camera.
+        config: of the robot.
+        protocol: see PROTOCOLS.
+
+    Raises:
+        InputError: if the frame has no labels.
+    """
+    of_reference, of_predicted = protocol_configs(config, protocol)
+    reference = frame_map(frame, true_segmentation(frame), T_map_camera, of_reference)
+    predicted = frame_map(frame, segmentation, T_map_camera, of_predicted, reference.spec)
+    return compare_maps(reference, predicted, T_map_camera.position_m[:2])
+
+
+def true_segmentation(frame: Frame) -> Segmentation:
+    """The true labels of a frame as a mask.
+
+    Raises:
+        InputError: if it has none.
+    """
+    if frame.labels is None or frame.label_set is None:
+        raise InputError(
+            f"frame {frame.name or frame.stamp_ns}: expected true labels to compare with, got none"
+        )
+    return Segmentation(frame.labels, frame.label_set)
+
+
+def tied_cells(comparison: MapComparison, most: int = 400) -> NDArray[np.int64]:
+    """FN cells and the TP cells nearest to them, the farthest first, to be drawn as in Figure 5.
+
+    Args:
+        comparison: of one frame.
+        most: number of ties at most.
+
+    Returns:
+        (N, 2, 2) int64 [[ix, iy] of the FN cell, [ix, iy] of the TP cell]; empty without TP cells.
+    """
+    misses = comparison.misses
+    if misses.hits == 0 or len(misses.cells) == 0:
+        return np.empty((0, 2, 2), np.int64)
+    chosen = misses.cells[np.argsort(-misses.squared, kind="stable")[:most]]
+    nearest = nearest_hits(comparison.reference.classes, comparison.predicted.classes, chosen)
+    return np.stack((chosen, nearest), axis=1)
