@@ -1,0 +1,231 @@
+"""ROS messages to arrays, by attribute access only: those of `rosbags` and of `rclpy` alike.
+
+Nothing of ROS is imported. The other direction, arrays to messages, is `ros_fields`.
+"""
+
+import struct
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swardmap.errors import InputError
+from swardmap.geometry import Pose
+
+ColorImage = NDArray[np.uint8]
+DepthImage = NDArray[np.uint16] | NDArray[np.float32]
+
+_TYPE_OF_ENCODING: dict[str, tuple[str, int]] = {
+    "rgb8": ("u1", 3),
+    "bgr8": ("u1", 3),
+    "8UC3": ("u1", 3),
+    "rgba8": ("u1", 4),
+    "bgra8": ("u1", 4),
+    "8UC4": ("u1", 4),
+    "mono8": ("u1", 1),
+    "8UC1": ("u1", 1),
+    "16UC1": ("u2", 1),
+    "mono16": ("u2", 1),
+    "32FC1": ("f4", 1),
+}
+
+_TO_RGB: dict[str, Callable[[ColorImage], ColorImage]] = {
+    "rgb8": lambda image: image,
+    "bgr8": lambda image: image[..., ::-1],
+    "8UC3": lambda image: image[..., ::-1],  # OpenCV's order: cv_bridge writes it without a colour name
+    "rgba8": lambda image: image[..., :3],
+    "bgra8": lambda image: image[..., 2::-1],
+    "8UC4": lambda image: image[..., 2::-1],
+    "mono8": lambda image: np.broadcast_to(image[..., None], (*image.shape, 3)),
+    "8UC1": lambda image: np.broadcast_to(image[..., None], (*image.shape, 3)),
+}
+
+DEPTH_ENCODINGS = ("16UC1", "mono16", "32FC1")
+
+_DEPTH_HEADER = struct.Struct("<iff")
+"""What compressed_depth_image_transport writes before the PNG: an enum and two quantisation parameters."""
+
+_PNG = b"\x89PNG\r\n\x1a\n"
+
+
+def stamp_ns(stamp: Any) -> int:
+    """Integer nanoseconds of a builtin_interfaces/Time (ROS 1: `secs`, `nsecs`)."""
+    seconds = stamp.sec if hasattr(stamp, "sec") else stamp.secs
+    nanoseconds = stamp.nanosec if hasattr(stamp, "nanosec") else stamp.nsecs
+    return int(seconds) * 1_000_000_000 + int(nanoseconds)
+
+
+def image_array(message: Any) -> NDArray[Any]:
+    """Pixels of a sensor_msgs/Image as they are stored; `step` and `is_bigendian` are honoured.
+
+    Returns:
+        (H, W) or (H, W, channels), a view of the message where possible.
+
+    Raises:
+        InputError: for an encoding that is not supported, or data of another size than said.
+    """
+    encoding, height, width, step = message.encoding, message.height, message.width, message.step
+    if encoding.startswith("bayer"):
+        raise InputError(
+            f"image encoding '{encoding}' is a raw sensor mosaic: record the topic behind image_proc "
+            "(image_color, image_rect_color) instead"
+        )
+    if encoding not in _TYPE_OF_ENCODING:
+        known = ", ".join(_TYPE_OF_ENCODING)
+        raise InputError(f"image encoding '{encoding}' is not supported; expected one of {known}")
+    code, channels = _TYPE_OF_ENCODING[encoding]
+    dtype = np.dtype(code).newbyteorder(">" if message.is_bigendian else "<")
+    row = width * channels * dtype.itemsize
+    data = np.frombuffer(message.data, np.uint8)
+    last_row_may_be_short = step * (height - 1) + row
+    if height <= 0 or width <= 0 or step < row or not last_row_may_be_short <= data.size <= step * height:
+        raise InputError(
+            f"image message: expected {height} rows of {step} bytes with {width} pixels '{encoding}' in "
+            f"each, got {data.size} bytes"
+        )
+    rows = np.lib.stride_tricks.as_strided(data, (height, row), (step, 1), writeable=False)
+    pixels = np.ascontiguousarray(rows).view(dtype).reshape(height, width, channels)
+    pixels = pixels.astype(dtype.newbyteorder("="), copy=False)
+    return pixels[..., 0] if channels == 1 else pixels
+
+
+def color_from_image(message: Any) -> ColorImage:
+    """(H, W, 3) uint8 RGB of a sensor_msgs/Image.
+
+    Raises:
+        InputError: for an encoding without colour or brightness, or data of another size than said.
+    """
+    pixels = image_array(message)
+    if message.encoding not in _TO_RGB:
+        raise InputError(
+            f"image encoding '{message.encoding}' is no colour image; expected one of {', '.join(_TO_RGB)}"
+        )
+    return np.ascontiguousarray(_TO_RGB[message.encoding](pixels))
+
+
+def depth_from_image(message: Any) -> DepthImage:
+    """(H, W) uint16 (millimetres by REP-118) or float32 (metres) of a sensor_msgs/Image.
+
+    Raises:
+        InputError: for an encoding that is no depth, or data of another size than said.
+    """
+    pixels = image_array(message)
+    if message.encoding not in DEPTH_ENCODINGS:
+        raise InputError(
+            f"image encoding '{message.encoding}' is no depth image; expected one of "
+            f"{', '.join(DEPTH_ENCODINGS)}"
+        )
+    return pixels
+
+
+def color_from_compressed(message: Any) -> ColorImage:
+    """(H, W, 3) uint8 RGB of a sensor_msgs/CompressedImage (JPEG or PNG).
+
+    Raises:
+        InputError: if it cannot be decoded or is no colour image.
+    """
+    import cv2
+
+    if "compressedDepth" in message.format:
+        raise InputError(f"expected a compressed colour image, got format '{message.format}'")
+    image = _decoded(
+        message, np.frombuffer(message.data, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+    )
+    # format 'rgb8; jpeg compressed bgr8': what is in the file is what OpenCV takes for BGR, whatever
+    # the encoding before; a file written from RGB without a swap says 'compressed rgb8'
+    swapped = message.format.rstrip().endswith("compressed rgb8")
+    return np.ascontiguousarray(image if swapped else image[..., ::-1])
+
+
+def depth_from_compressed(message: Any) -> DepthImage:
+    """(H, W) depth of a compressedDepth message, or of a plain 16-bit PNG.
+
+    16-bit depth is stored as it is. Of 32FC1, the PNG holds inverse depth in whole numbers:
+    depth = A / (number - B), 0 = no reading (compressed_depth_image_transport, codec.cpp).
+
+    Returns:
+        (H, W) uint16 in the units of the recording, or float32 metres with NaN for no reading.
+
+    Raises:
+        InputError: for RVL, a wrong header, or a file that cannot be decoded.
+    """
+    import cv2
+
+    form = message.format
+    if "rvl" in form.lower():
+        raise InputError(
+            f"compressed depth format '{form}' (RVL) is not supported: record the raw depth topic, or set "
+            "compressedDepth.format to png in the publisher"
+        )
+    data = np.frombuffer(message.data, np.uint8)
+    headed = data[: len(_PNG)].tobytes() != _PNG
+    if headed and data.size <= _DEPTH_HEADER.size:
+        raise InputError(f"compressed depth: expected a 12-byte header and a PNG, got {data.size} bytes")
+    numbers = _decoded(message, data[_DEPTH_HEADER.size :] if headed else data, cv2.IMREAD_UNCHANGED)
+    if numbers.ndim != 2 or numbers.dtype != np.uint16:
+        raise InputError(
+            f"compressed depth image '{form}': expected one channel of 16 bits, got {numbers.dtype} of "
+            f"shape {numbers.shape}"
+        )
+    if not form.strip().startswith("32FC1"):
+        return numbers
+    if not headed:
+        raise InputError(f"compressed depth image '{form}': expected the 12-byte header before the PNG")
+    _, a, b = _DEPTH_HEADER.unpack(data[: _DEPTH_HEADER.size].tobytes())
+    if not (np.isfinite([a, b]).all() and a > 0):
+        raise InputError(f"compressed depth image '{form}': unusable quantisation parameters {a}, {b}")
+    inverse = numbers.astype(np.float32) - np.float32(b)
+    with np.errstate(divide="ignore"):
+        metres = np.float32(a) / inverse
+    return np.where((numbers > 0) & (inverse > 0), metres, np.float32(np.nan))
+
+
+def _decoded(message: Any, data: NDArray[np.uint8], flags: int) -> NDArray[Any]:
+    import cv2
+
+    try:
+        image = cv2.imdecode(data, flags) if data.size else None
+    except cv2.error:
+        image = None
+    if image is None:
+        raise InputError(f"compressed image '{message.format}': {data.size} bytes that are no JPEG or PNG")
+    return np.asarray(image)
+
+
+def pose_from_transform(message: Any) -> Pose:
+    """Pose T_parent_child of a geometry_msgs/TransformStamped.
+
+    Raises:
+        InvalidValueError: for NaN or a quaternion that is not of length 1.
+    """
+    transform = message.transform
+    place, turn = vectors(transform.translation, transform.rotation)
+    return Pose.from_quaternion(message.header.frame_id, message.child_frame_id, place, turn)
+
+
+def pose_from_odometry(message: Any) -> Pose:
+    """Pose T_odom_base of a nav_msgs/Odometry.
+
+    Raises:
+        InvalidValueError: for NaN or a quaternion that is not of length 1.
+    """
+    pose = message.pose.pose
+    return Pose.from_quaternion(
+        message.header.frame_id, message.child_frame_id, *vectors(pose.position, pose.orientation)
+    )
+
+
+def pose_from_pose_stamped(message: Any, child: str) -> Pose:
+    """Pose of frame `child` of a geometry_msgs/PoseStamped, which does not name it.
+
+    Raises:
+        InvalidValueError: for NaN or a quaternion that is not of length 1.
+    """
+    pose = message.pose
+    return Pose.from_quaternion(message.header.frame_id, child, *vectors(pose.position, pose.orientation))
+
+
+def vectors(place: Any, turn: Any) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Translation and quaternion (x, y, z, w) of the parts of a ROS transform or pose, unchecked."""
+    return (place.x, place.y, place.z), (turn.x, turn.y, turn.z, turn.w)
