@@ -63,15 +63,25 @@ def write_cloud(cloud: LabeledCloud, path: str | Path, ascii_text: bool = False)
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix == ".pcd":
-        write_bytes(path, pcd.encode_pcd(_filled(cloud, pcd.POINT), _own_comment(cloud), ascii_text))
+        write_pcd(cloud, path, ascii_text)
     elif suffix == ".ply":
-        write_bytes(path, ply.encode_ply(_filled(cloud, ply.POINT), _own_comment(cloud), ascii_text))
+        write_ply(cloud, path, ascii_text)
     elif suffix == ".bin" and not ascii_text:
         points = _filled(cloud, KITTI_POINT).tobytes()
         labels = cloud.labels.astype("<u4").tobytes()
         write_together({path.with_suffix(".label"): labels, path: points})
     else:
         raise OutputError(f"{path}: expected a name ending in .pcd, .ply or .bin (.bin has no text form)")
+
+
+def write_pcd(cloud: LabeledCloud, path: str | Path, ascii_text: bool = False) -> None:
+    """Write a cloud as PCD v0.7: PCL's PointXYZL, packed."""
+    write_bytes(path, pcd.encode_pcd(_filled(cloud, pcd.POINT), _own_comment(cloud), ascii_text))
+
+
+def write_ply(cloud: LabeledCloud, path: str | Path, ascii_text: bool = False) -> None:
+    """Write a cloud as PLY: x y z, the class colour, and the label."""
+    write_bytes(path, ply.encode_ply(_filled(cloud, ply.POINT), _own_comment(cloud), ascii_text))
 
 
 def read_cloud(
