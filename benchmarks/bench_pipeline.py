@@ -9,11 +9,14 @@ Open3D is measured when it is installed: pip install open3d.
 """
 
 import argparse
+import os
 import resource
 import time
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # its threads and Open3D's hinder each other
 
 import cv2
 import numpy as np

@@ -157,9 +157,9 @@ class GridConfig(_Checked):
     )
     size_m: tuple[float, float] | None = setting(None, "extent along x and y; given together with origin_m")
     obstacle_clear_frames: int = setting(
-        1, "frames that must see grass before an obstacle cell is cleared (paper: 1)", minimum=1
+        1, "frames that must see grass before an obstacle cell is cleared (paper: 1)", minimum=1, maximum=255
     )
-    person_clear_frames: int = setting(3, "the same for a person cell", minimum=1)
+    person_clear_frames: int = setting(3, "the same for a person cell", minimum=1, maximum=255)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -27,7 +27,7 @@ class GridMapper:
         self._resolution_m = config.resolution_m
         self._frame_id = frame_id
         self._frames_to_clear = np.array(
-            [1, 1, config.obstacle_clear_frames, config.person_clear_frames], np.uint32
+            [1, 1, config.obstacle_clear_frames, config.person_clear_frames], np.uint8
         )
         self._spec = fixed_spec(config, frame_id)
         self._fixed = self._spec is not None
@@ -43,13 +43,12 @@ class GridMapper:
         spec = self._spec if self._fixed else self._grown_to(seen)
         if spec is None:  # nothing seen yet, and nothing now
             return
+        from swardmap.kernels import grid as kernel
+
         here, there = overlap(seen.spec, spec)
-        news, cells, streak = seen.classes[here], self._classes[there], self._grass_in_a_row[there]
-        grass, hazard = news == MapClass.GRASS, news >= MapClass.OBSTACLE
-        streak[grass & (streak < 255)] += 1
-        streak[hazard] = 0
-        cells[grass & (streak >= self._frames_to_clear[cells])] = MapClass.GRASS
-        np.maximum(cells, news, out=cells, where=hazard)  # a person stays one until grass is seen
+        kernel.merge(
+            seen.classes[here], self._classes[there], self._grass_in_a_row[there], self._frames_to_clear
+        )
         self._stamp_ns = max(self._stamp_ns, seen.stamp_ns)
 
     @property

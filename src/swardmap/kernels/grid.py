@@ -163,3 +163,26 @@ def classify(counts, min_points, classes):  # type: ignore[no-untyped-def]
         if obstacle + person >= min_points:
             c = np.uint8(3) if (person >= min_points) | (person >= obstacle) else np.uint8(2)
         classes[i] = c
+
+
+@nb.njit(cache=True, nogil=True)
+def merge(news, cells, grass_in_a_row, frames_to_clear):  # type: ignore[no-untyped-def]
+    """Clear what was seen as grass often enough, then mark (twin: grid.update_grid for one frame).
+
+    Args:
+        news: (h, w) uint8 MapClass, one frame's grid.
+        cells: (h, w) uint8 MapClass, the map's window; changed here.
+        grass_in_a_row: (h, w) uint8 frames that saw grass since the last hazard; changed here.
+        frames_to_clear: (4,) uint8 by MapClass of the cell.
+    """
+    for y in range(news.shape[0]):
+        for x in range(news.shape[1]):
+            new = news[y, x]
+            if new == 1:
+                seen = min(grass_in_a_row[y, x] + 1, 255)
+                grass_in_a_row[y, x] = seen
+                if seen >= frames_to_clear[cells[y, x]]:
+                    cells[y, x] = 1
+            elif new > 1:
+                grass_in_a_row[y, x] = 0
+                cells[y, x] = max(cells[y, x], new)  # a person stays one until grass is seen
