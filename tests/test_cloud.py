@@ -1,5 +1,7 @@
 """The staged road's parts against brute force, SciPy and PCL's rules."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -163,3 +165,20 @@ def test_cloud_moves_only_with_a_pose_of_its_frame() -> None:
     with pytest.raises(FrameMismatchError, match="'camera'"):
         cloud.transformed(Pose.identity("map", "base"))
     assert cloud.transformed(Pose.identity("map", "camera")).frame_id == "map"
+
+
+def test_pcls_golden_numbers(data_dir: Path) -> None:
+    # test/bun0.pcd and the expectations of test/filters/test_filters.cpp in the PCL repository
+    file = data_dir / "pcl" / "bun0.pcd"
+    if not file.exists():
+        pytest.skip(f"{file} is not there; it is test/bun0.pcd of the PCL repository")
+    rows = file.read_text().splitlines()
+    bunny = cloud_of(np.loadtxt(rows[rows.index("DATA ascii") + 1 :])[:, :3])
+    small = voxel_downsample(bunny, 0.02)
+    assert len(small) == 103
+    slice_ = voxel_downsample(bunny[(bunny.xyz[:, 2] >= 0.05) & (bunny.xyz[:, 2] <= 0.1)], 0.02)
+    assert len(slice_) == 14
+    np.testing.assert_allclose(slice_.xyz[0], [-0.026125, 0.039788, 0.052827], atol=1e-4)
+    np.testing.assert_allclose(slice_.xyz[13], [-0.073202, 0.1296, 0.051333], atol=1e-4)
+    assert len(remove_statistical_outliers(bunny, 50, 1.0)) == 352
+    assert len(remove_radius_outliers(bunny, 0.02, 14)) == 307
