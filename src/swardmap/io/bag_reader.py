@@ -139,6 +139,8 @@ def open_bag(path: Path) -> Iterator[Bag]:
 
     is_ros2 = path.suffix != ".bag" or path.is_dir()
     with _one_error(path):
+        for file in path.glob("*.db3") if path.is_dir() else [path]:
+            _check_length(file)
         reader: Any = Reader2(path) if is_ros2 else Reader1(path)
         reader.open()
     try:
@@ -170,6 +172,26 @@ def appended_bytes(data: bytes) -> bytes:
     except struct.error:
         return b""
     return bytes(data[at:]) if len(data) - at == 4 else b""
+
+
+def _check_length(path: Path) -> None:
+    """SQLite notices that a file was cut off only when it comes to a page that is not there."""
+    if path.suffix != ".db3":
+        return
+    with path.open("rb") as file:
+        head = file.read(100)
+    if len(head) < 100:
+        raise InputError(f"{path}: expected an SQLite database, got {len(head)} bytes. Is it whole?")
+    (page_bytes,), (pages,) = struct.unpack(">H", head[16:18]), struct.unpack(">I", head[28:32])
+    expected = pages * (65536 if page_bytes == 1 else page_bytes)
+    number_is_valid = (
+        head.startswith(b"SQLite") and head[24:28] == head[92:96]
+    )  # the count of changes it was written with
+    if number_is_valid and path.stat().st_size < expected:
+        raise InputError(
+            f"{path}: the recording was cut off: it has {path.stat().st_size} of {expected} bytes. Copy it "
+            "again, or recover what is left with `sqlite3 FILE .recover`."
+        )
 
 
 def _full_type(name: str) -> str:
