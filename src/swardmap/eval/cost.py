@@ -1,0 +1,156 @@
+"""What a margin costs: the area a mower can still reach as obstacles are grown, by exact morphology."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from swardmap.errors import InputError, InvalidValueError
+from swardmap.grid import GridSpec, OccupancyGrid
+from swardmap.labels import MapClass
+
+EIGHT = np.ones((3, 3), np.bool_)
+
+
+@dataclass(frozen=True, slots=True)
+class AreaPoint:
+    """One point of the curve.
+
+    Attributes:
+        margin_m: what obstacles are grown by.
+        reachable_m2: area that the mower's disc sweeps without touching a grown obstacle, what is
+            unknown, or the outside of the work area.
+        share: of the grass inside the work area; None if there is none.
+        covered: share of the missed cells that this margin covers; None without missed cells.
+    """
+
+    margin_m: float
+    reachable_m2: float
+    share: float | None
+    covered: float | None = None
+
+
+def reachable_areas(
+    grid: OccupancyGrid,
+    polygon_m: ArrayLike,
+    mower_width_m: float,
+    margins_m: Iterable[float],
+    start_m: Sequence[float] | None = None,
+) -> list[AreaPoint]:
+    """Area that is still reached for each margin.
+
+    The mower is a disc of its width, so that it may turn anywhere. A cell belongs to a disc if its centre
+    does. Unknown cells and cells whose centre is outside the polygon cannot be entered.
+
+    Args:
+        grid: map of the garden.
+        polygon_m: (N, 2) corners of the work area in the grid's frame.
+        mower_width_m: of the disc.
+        margins_m: what to grow obstacles by.
+        start_m: (x, y) where the mower is; only what is connected to it counts. None = the largest part.
+
+    Returns:
+        One point for each margin, in their order.
+    """
+    if not (np.isfinite(mower_width_m) and mower_width_m > 0):
+        raise InvalidValueError(f"mower: expected a positive width in metres, got {mower_width_m}")
+    r = grid.spec.resolution_m
+    grass = (grid.classes == MapClass.GRASS) & inside_polygon(grid.spec, polygon_m)
+    to_obstacle = squared_distance(grid.is_obstacle)
+    points = []
+    for margin_m in margins_m:
+        free = grass & (np.sqrt(to_obstacle.astype(np.float64)) * r > margin_m)
+        count = int(np.count_nonzero(_swept(free, mower_width_m / 2 / r, _start_cell(grid.spec, start_m))))
+        total = int(np.count_nonzero(grass))
+        points.append(AreaPoint(float(margin_m), count * r * r, count / total if total else None))
+    return points
+
+
+def inside_polygon(spec: GridSpec, polygon_m: ArrayLike) -> NDArray[np.bool_]:
+    """(height, width) bool: cells whose centre lies in a polygon (even-odd rule).
+
+    Raises:
+        InvalidValueError: if it has fewer than three corners, or one that is not finite.
+    """
+    corners = np.asarray(polygon_m, np.float64)
+    if corners.ndim != 2 or corners.shape[1:] != (2,) or len(corners) < 3 or not np.isfinite(corners).all():
+        raise InvalidValueError(
+            f"work area: expected at least three corners (x, y), got an array of shape {corners.shape}"
+        )
+    x = spec.center_of(np.stack((np.arange(spec.width), np.zeros(spec.width)), axis=1))[:, 0]
+    y = spec.center_of(np.stack((np.zeros(spec.height), np.arange(spec.height)), axis=1))[:, 1]
+    inside = np.zeros(spec.shape, np.bool_)
+    for (x0, y0), (x1, y1) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        rows = (y0 > y) != (y1 > y)
+        if not rows.any():
+            continue
+        crossing = x0 + (y[rows] - y0) * (x1 - x0) / (y1 - y0)
+        inside[rows] ^= x[None, :] < crossing[:, None]
+    return inside
+
+
+def squared_distance(cells: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """(H, W) int64 squared distance in cells from each cell to the nearest True one, exact.
+
+    Where there is none, a distance larger than any in the grid.
+    """
+    if not cells.any():
+        return np.full(cells.shape, cells.shape[0] ** 2 + cells.shape[1] ** 2, np.int64)
+    from scipy.ndimage import distance_transform_edt
+
+    nearest = distance_transform_edt(~cells, return_distances=False, return_indices=True)
+    dy, dx = (nearest[axis].astype(np.int64) - np.indices(cells.shape)[axis] for axis in (0, 1))
+    squared: NDArray[np.int64] = dx * dx + dy * dy
+    return squared
+
+
+def read_work_area(path: str | Path) -> NDArray[np.float64]:
+    """Corners of a work area from a YAML file: `polygon_m: [[x, y], ...]` in the map's frame.
+
+    Raises:
+        InputError: if it is no such file.
+    """
+    import yaml
+
+    from swardmap.io.files import read_bytes
+
+    try:
+        tree = yaml.safe_load(read_bytes(path, limit=10_000_000))
+        corners = np.asarray(tree["polygon_m"], np.float64)
+    except (yaml.YAMLError, UnicodeDecodeError, TypeError, KeyError, ValueError) as error:
+        raise InputError(
+            f"{path}: expected 'polygon_m: [[x, y], ...]' in metres, got something else"
+        ) from error
+    if corners.ndim != 2 or corners.shape[1:] != (2,) or len(corners) < 3 or not np.isfinite(corners).all():
+        raise InputError(f"{path}: expected at least three corners [x, y] in polygon_m")
+    return corners
+
+
+def _start_cell(spec: GridSpec, start_m: Sequence[float] | None) -> tuple[int, int] | None:
+    if start_m is None:
+        return None
+    cell = spec.cell_of(start_m)
+    if not spec.contains(cell):
+        raise InvalidValueError(f"start: expected a point of the map {spec.extent_m}, got {tuple(start_m)}")
+    return int(cell[1]), int(cell[0])
+
+
+def _swept(free: NDArray[np.bool_], radius_cells: float, start: tuple[int, int] | None) -> NDArray[np.bool_]:
+    """Cells a disc covers that moves from `start`, or in the largest part, without leaving `free`."""
+    from scipy.ndimage import label
+
+    blocked = np.pad(~free, 1, constant_values=True)  # beyond the map is not free
+    limit = radius_cells * radius_cells + 1e-9
+    centers = (squared_distance(blocked) > limit)[1:-1, 1:-1]
+    parts, n = label(centers, EIGHT)
+    if n == 0 or (start is not None and parts[start] == 0):
+        return np.zeros_like(free)
+    if start is not None:
+        return _around(parts == parts[start], limit)
+    return max((_around(parts == k, limit) for k in range(1, n + 1)), key=np.count_nonzero)
+
+
+def _around(centers: NDArray[np.bool_], limit: float) -> NDArray[np.bool_]:
+    return squared_distance(centers) <= limit
