@@ -1,0 +1,54 @@
+"""`swardmap export`: a checkpoint to an .onnx file that says all about itself."""
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from swardmap.cli.options import Json
+from swardmap.errors import ModelError, require
+
+
+def export(
+    checkpoint: Annotated[Path, typer.Argument(help="best.pt or last.pt of `swardmap train`.")],
+    data: Annotated[Path, typer.Option("--data", help="Folder that the recipe's data folders are in.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="The .onnx file.")],
+    int8: Annotated[bool, typer.Option(help="Quantise; --no-int8 keeps float32, for GPUs.")] = True,
+    images: Annotated[int, typer.Option(min=1, help="Training images that calibrate INT8.")] = 64,
+    size: Annotated[
+        tuple[int, int] | None, typer.Option(help="Width and height of the input, if not the recipe's.")
+    ] = None,
+    max_loss: Annotated[float, typer.Option(help="Points of grass IoU that INT8 may cost.")] = 0.5,
+    as_json: Json = False,
+) -> None:
+    """Export a network to ONNX with its metadata; measure what INT8 costs; calibrate its confidence.
+
+    Example: swardmap export run1/best.pt --data ~/photos -o lawn.onnx
+    """
+    require("torch", "train")
+    from swardmap.train.release import release
+
+    result = release(checkpoint, data, out, int8, images, size)
+    if as_json:
+        print(json.dumps(result, indent=2))
+    else:
+        _print(result)
+    lost = result.get("int8_loss_points")
+    if lost is not None and lost > max_loss:
+        raise ModelError(
+            f"INT8 costs {lost:.2f} points of grass IoU, more than {max_loss}: use more calibration images, "
+            "or --no-int8"
+        )
+
+
+def _print(result: dict[str, Any]) -> None:
+    print(f"{result['file']}  {result['bytes'] / 1e6:.1f} MB  temperature {result['temperature']:.3f}")
+    print(f"largest difference from torch: {result['difference']:.2g} of a logit (float32)")
+    for name in ("float32", "int8"):
+        figures = result.get(name)
+        if figures:
+            told = "  ".join(f"{k} {v:.4f}" if v is not None else f"{k} -" for k, v in figures.items())
+            print(f"{name:8} {told}")
+    if result.get("int8_loss_points") is not None:
+        print(f"INT8 costs {result['int8_loss_points']:.2f} points of grass IoU")

@@ -1,0 +1,60 @@
+"""`swardmap train`: a recipe to a checkpoint."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from swardmap.errors import ConfigError, require
+
+
+def train(
+    recipe: Annotated[Path, typer.Argument(help="YAML recipe, such as recipes/lawn.yaml.")],
+    data: Annotated[Path, typer.Option("--data", help="Folder that the recipe's data folders are in.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for checkpoints and curves.")],
+    device: Annotated[str, typer.Option(help="As torch names it; auto = a GPU if there is one.")] = "auto",
+    threads: Annotated[int, typer.Option(min=0, help="CPU threads; 0 = torch's choice.")] = 0,
+    distil: Annotated[
+        bool, typer.Option("--distil", help="First write the teachers' masks that the recipe names.")
+    ] = False,
+) -> None:
+    """Train a network; run again with the same OUT, it goes on where it was.
+
+    Example: swardmap train recipes/lawn.yaml --data ~/photos -o run1
+
+    Many GPUs: torchrun --nproc-per-node 4 -m swardmap train ...
+    """
+    torch = require("torch", "train")
+    from swardmap.train.loop import train as run_training
+    from swardmap.train.recipe import load_recipe
+
+    chosen = load_recipe(recipe)
+    if threads:
+        torch.set_num_threads(threads)
+    if distil:
+        _distil(chosen, data)
+    if device == "auto":
+        device = "cuda" if torch.cuda.is_available() else "cpu"
+    run = run_training(chosen, data, out, _report, device)
+    print(f"trained {run.step} steps; best checkpoint: {out / 'best.pt'}")
+
+
+def _report(figures: Mapping[str, Any]) -> None:
+    if figures["step"] % 10 == 0 or len(figures) > 2:
+        print(
+            "  ".join(f"{k} {v:.4g}" if v is not None else f"{k} -" for k, v in figures.items()), flush=True
+        )
+
+
+def _distil(recipe: Any, root: Path) -> None:
+    from swardmap.train.data import image_paths
+    from swardmap.train.distil import Teacher, write_masks
+
+    if not recipe.teachers:
+        raise ConfigError(f"recipe {recipe.name}: --distil needs 'teachers', got none")
+    teachers = [Teacher(t, root) for t in recipe.teachers]
+    for config in recipe.data:
+        if config.pseudo is not None and not config.validation:
+            count = write_masks(image_paths(config, root), teachers, root / config.pseudo, lambda _: None)
+            print(f"{config.name}: {count} masks written to {root / config.pseudo}", flush=True)

@@ -1,0 +1,1 @@
+"""Training the networks: data, augmentation, the loop, distillation, export. torch lives only here."""

@@ -1,0 +1,99 @@
+"""Checkpoints: tensors and plain values, written whole, loaded without unpickling anything else."""
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import torch
+
+from swardmap.errors import ConfigError, InputError, ModelError
+from swardmap.train.build import build_network
+from swardmap.train.networks import DeepLabV3Plus
+from swardmap.train.recipe import Recipe, recipe_from_dict, recipe_to_dict
+
+if TYPE_CHECKING:
+    from swardmap.train.loop import Run
+
+CHECKPOINT_VERSION = 1
+
+
+def save_progress(run: Run, out: Path, value: float) -> None:
+    """Write `last.pt`, and `best.pt` if this is the best so far."""
+    better = value > run.best
+    run.best = max(run.best, value)
+    state = {
+        "version": CHECKPOINT_VERSION,
+        "recipe": recipe_to_dict(run.recipe),
+        "digest": run.recipe.digest,
+        "step": run.step,
+        "best": run.best,
+        "history": run.history,
+        "network": run.network.state_dict(),
+        "auxiliary": run.auxiliary.state_dict(),
+        "average": run.average,
+        "optimizer": run.optimizer.state_dict(),
+    }
+    _save(state, out / "last.pt")
+    if better:
+        _save(
+            {k: state[k] for k in ("version", "recipe", "digest", "step", "best", "history", "average")},
+            out / "best.pt",
+        )
+
+
+def restore(run: Run, path: Path) -> None:
+    """Go on from a checkpoint of the same recipe.
+
+    Raises:
+        ConfigError: if it is of another recipe.
+        ModelError: for a file that is no checkpoint.
+    """
+    state = read_checkpoint(path)
+    if state["digest"] != run.recipe.digest or "optimizer" not in state:
+        raise ConfigError(
+            f"{path} was made by another recipe; choose another output folder, or remove it to start again"
+        )
+    run.network.load_state_dict(state["network"])
+    run.auxiliary.load_state_dict(state["auxiliary"])
+    run.optimizer.load_state_dict(state["optimizer"])
+    run.average = {k: v.to(run.device) for k, v in state["average"].items()}
+    run.step, run.best, run.history = state["step"], state["best"], state["history"]
+
+
+def read_checkpoint(path: Path) -> dict[str, Any]:
+    """Load a checkpoint; nothing in it is executed.
+
+    Raises:
+        InputError: if it is not there.
+        ModelError: if it is damaged or no checkpoint of swardmap's.
+    """
+    if not path.is_file():
+        raise InputError(f"no such checkpoint: {path}")
+    try:
+        state = torch.load(path, map_location="cpu", weights_only=True)
+    except Exception as error:  # torch raises many kinds for a damaged file
+        raise ModelError(
+            f"{path}: expected a checkpoint, got a damaged or foreign file ({error!r:.120})"
+        ) from error
+    if not isinstance(state, dict) or state.get("version") != CHECKPOINT_VERSION or "average" not in state:
+        raise ModelError(f"{path}: expected a checkpoint of swardmap version {CHECKPOINT_VERSION}")
+    return state
+
+
+def load_network(path: Path) -> tuple[DeepLabV3Plus, Recipe, dict[str, Any]]:
+    """The trained network of a checkpoint, its recipe, and the checkpoint's other contents."""
+    state = read_checkpoint(path)
+    recipe = recipe_from_dict(state["recipe"], str(path))
+    network = build_network(recipe, pretrained=False)
+    network.load_state_dict(state["average"])
+    return network.eval(), recipe, state
+
+
+def _save(state: Mapping[str, Any], path: Path) -> None:
+    partial = path.with_suffix(".partial")
+    with partial.open("wb") as file:
+        torch.save(dict(state), file)
+        file.flush()
+        os.fsync(file.fileno())
+    partial.replace(path)

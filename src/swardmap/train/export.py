@@ -1,0 +1,259 @@
+"""From a checkpoint to an .onnx file: export, quantisation, calibration of the confidence, checks.
+
+Quantisation is static, QDQ, unsigned activations and signed weights per channel: on CPUs with VNNI
+signed activations take twice as long. The metadata travels inside the file.
+"""
+
+import os
+import warnings
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from swardmap.errors import ModelError, require
+from swardmap.models.onnx import OnnxSegmenter, preprocess
+from swardmap.models.spec import METADATA_KEY, NetworkSpec
+from swardmap.train.augment import Image
+from swardmap.train.data import Photo
+from swardmap.train.networks import DeepLabV3Plus
+from swardmap.train.score import Score
+from swardmap.types import Segmentation, nearest_indices
+
+OPSET = 18
+INPUT, OUTPUT = "image", "logits"
+AGREEMENT = 1e-2
+"""Largest difference of logits, torch against ONNX Runtime in float32, that an export may have."""
+
+
+@dataclass(frozen=True)
+class Checked:
+    """Figures of one network file on labelled photos.
+
+    Attributes:
+        score: confusion at the photos' own size.
+        bins: (10, 3) float64: number of pixels, sum of confidence, number right, by confidence.
+    """
+
+    score: Score
+    bins: NDArray[np.float64]
+
+    @property
+    def calibration_error(self) -> float:
+        """Expected calibration error: mean distance of confidence from the share that is right."""
+        filled = self.bins[self.bins[:, 0] > 0]
+        return float(np.abs(filled[:, 1] - filled[:, 2]).sum() / filled[:, 0].sum())
+
+
+def export_onnx(network: DeepLabV3Plus, spec: NetworkSpec, path: Path) -> float:
+    """Write the network with its metadata in float32 and compare it with torch.
+
+    Args:
+        network: trained.
+        spec: what to say about it.
+        path: of the .onnx file; replaced whole.
+
+    Returns:
+        Largest difference of a logit on a random image.
+
+    Raises:
+        ModelError: if the file does not agree with the network.
+    """
+    require("onnx", "train")
+    require("onnxscript", "train")
+    network = network.eval().cpu()
+    example = torch.randn(1, 3, spec.height, spec.width, generator=torch.Generator().manual_seed(0))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # deprecations inside the exporter
+        program = torch.onnx.export(
+            network,
+            (example,),
+            dynamo=True,
+            opset_version=OPSET,
+            input_names=[INPUT],
+            output_names=[OUTPUT],
+            verbose=False,
+        )
+    model = program.model_proto
+    _write(model, spec, path)
+    with torch.no_grad():
+        expected = network(example).numpy()
+    got = _session_of(path).run(None, {INPUT: example.numpy()})[0]
+    difference = float(np.abs(expected - got).max())
+    if not difference < AGREEMENT:
+        raise ModelError(f"{path}: the exported network differs from torch by {difference:.3g} of a logit")
+    return difference
+
+
+def quantise(source: Path, target: Path, images: Iterable[Image]) -> None:
+    """Make the INT8 file of a float32 file, calibrated on real images.
+
+    Args:
+        source: as `export_onnx` writes it.
+        target: the INT8 file; replaced whole.
+        images: (H, W, 3) uint8 RGB, some dozens.
+    """
+    import onnx
+    from onnxruntime.quantization import CalibrationMethod, QuantFormat, QuantType, quantize_static
+    from onnxruntime.quantization.shape_inference import quant_pre_process
+
+    spec = read_spec(source)
+    prepared = target.with_suffix(".prepared.onnx")
+    partial = target.with_suffix(".partial.onnx")
+    try:
+        quant_pre_process(str(source), str(prepared), skip_symbolic_shape=True)
+        nodes = onnx.load(prepared).graph.node
+        last = [n.name for n in nodes if n.op_type == "Resize" and OUTPUT in n.output]  # logits stay float32
+        quantize_static(
+            str(prepared),
+            str(partial),
+            _reader(images, spec),
+            quant_format=QuantFormat.QDQ,
+            per_channel=True,
+            activation_type=QuantType.QUInt8,
+            weight_type=QuantType.QInt8,
+            calibrate_method=CalibrationMethod.MinMax,
+            nodes_to_exclude=last,
+        )
+        _write(onnx.load(partial), spec, target)
+    finally:
+        prepared.unlink(missing_ok=True)
+        partial.unlink(missing_ok=True)
+
+
+def check(path: Path, photos: Sequence[Photo], threads: int = 0) -> Checked:
+    """Figures of a network file on labelled photos."""
+    segmenter = OnnxSegmenter(path, threads)
+    spec = segmenter.spec
+    ids = np.full(256, 255, np.uint8)
+    ids[: len(spec.channel_ids)] = spec.channel_ids
+    score, bins = Score.empty(spec.channel_ids, spec.label_set), np.zeros((10, 3))
+    for photo in photos:
+        labels, confidence = segmenter.segment(photo.image)
+        truth = ids[photo.codes]
+        mask = Segmentation(labels, spec.label_set, confidence).resized_to(*truth.shape)
+        score = score.plus(truth, mask.labels)
+        assert mask.confidence is not None  # noqa: S101 - a network always has one
+        bins += reliability_bins(mask.confidence[truth != 255], (mask.labels == truth)[truth != 255])
+    return Checked(score, bins)
+
+
+def reliability_bins(confidence: NDArray[np.float32], right: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """(10, 3): number of pixels, sum of confidence, number right, in tenths of confidence."""
+    index = np.clip((confidence * 10).astype(np.int64), 0, 9)
+    columns = (None, confidence.astype(np.float64), right.astype(np.float64))
+    return np.stack([np.bincount(index, weights=w, minlength=10) for w in columns], axis=1).astype(np.float64)
+
+
+def fit_temperature(path: Path, photos: Sequence[Photo]) -> float:
+    """Temperature that makes the confidence most likely on labelled photos (one number, no class changes).
+
+    Args:
+        path: of the network file.
+        photos: not used in training.
+    """
+    spec = read_spec(path)
+    session = _session_of(path)
+    buffer = np.zeros((1, 3, spec.height, spec.width), np.float32)
+    margins, truths = [], []
+    for photo in photos:
+        preprocess(photo.image, spec, buffer)
+        logits = session.run(None, {INPUT: buffer})[0][0]
+        if len(logits) == 1:
+            logits = np.concatenate([np.zeros_like(logits), logits])
+        rows, columns = (
+            nearest_indices(a, b) for a, b in zip(logits.shape[1:], photo.codes.shape, strict=True)
+        )
+        truth = photo.codes[rows[:, None], columns[None, :]]
+        known = truth < len(logits)
+        margins.append(logits[:, known].T[::7])
+        truths.append(truth[known][::7])
+    z, t = np.concatenate(margins).astype(np.float64), np.concatenate(truths)
+
+    def cost(log_temperature: float) -> float:
+        scaled = z / np.exp(log_temperature)
+        scaled -= scaled.max(1, keepdims=True)
+        return float(np.mean(np.log(np.exp(scaled).sum(1)) - scaled[np.arange(len(t)), t]))
+
+    return float(np.exp(_minimum(cost, -2.0, 2.5)))
+
+
+def with_spec(path: Path, **changes: Any) -> NetworkSpec:
+    """Change what a network file says about itself, and write it back whole."""
+    import onnx
+
+    spec = replace(read_spec(path), **changes)
+    _write(onnx.load(path), spec, path)
+    return spec
+
+
+def read_spec(path: Path) -> NetworkSpec:
+    """What a network file says about itself, without running it."""
+    import onnx
+
+    metadata = {p.key: p.value for p in onnx.load(path, load_external_data=False).metadata_props}
+    if METADATA_KEY not in metadata:
+        raise ModelError(f"{path}: expected the metadata '{METADATA_KEY}', got a network without")
+    return NetworkSpec.from_json(metadata[METADATA_KEY], str(path))
+
+
+def _minimum(cost: Callable[[float], float], low: float, high: float) -> float:
+    """Golden-section search of a function with one minimum."""
+    ratio = (np.sqrt(5) - 1) / 2
+    a, b = high - ratio * (high - low), low + ratio * (high - low)
+    fa, fb = cost(a), cost(b)
+    while high - low > 1e-3:
+        if fa < fb:
+            high, b, fb = b, a, fa
+            a = high - ratio * (high - low)
+            fa = cost(a)
+        else:
+            low, a, fa = a, b, fb
+            b = low + ratio * (high - low)
+            fb = cost(b)
+    return (low + high) / 2
+
+
+def _reader(images: Iterable[Image], spec: NetworkSpec) -> Any:
+    from onnxruntime.quantization import CalibrationDataReader
+
+    class Reader(CalibrationDataReader):
+        def __init__(self) -> None:
+            self.images = iter(images)
+
+        def get_next(self) -> dict[str, NDArray[np.float32]] | None:
+            image = next(self.images, None)
+            if image is None:
+                return None
+            buffer = np.zeros((1, 3, spec.height, spec.width), np.float32)
+            preprocess(image, spec, buffer)
+            return {INPUT: buffer}
+
+    return Reader()
+
+
+def _session_of(path: Path) -> Any:
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.log_severity_level = 4
+    return onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+
+
+def _write(model: Any, spec: NetworkSpec, path: Path) -> None:
+    import onnx
+
+    del model.metadata_props[:]
+    onnx.helper.set_model_props(model, {METADATA_KEY: spec.to_json()})
+    model.producer_name = "swardmap"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_suffix(".writing")
+    with partial.open("wb") as file:
+        file.write(model.SerializeToString())
+        file.flush()
+        os.fsync(file.fileno())
+    partial.replace(path)

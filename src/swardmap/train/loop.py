@@ -1,0 +1,227 @@
+"""The training loop: one clear loop that runs on a CPU, a GPU or many, and goes on after a kill.
+
+A step depends only on the weights before it, the recipe and the step's number: data, augmentation and
+dropout are drawn from (seed, step). So a run that was killed and resumed ends with the same weights.
+"""
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F  # noqa: N812 - torch's own name for it
+
+from swardmap.labels import VOID_ID
+from swardmap.models.onnx import decide, preprocess
+from swardmap.train.build import build_network, network_spec
+from swardmap.train.checkpoint import restore, save_progress
+from swardmap.train.data import Codes, Photo, PhotoSet, draw_batch, load_photos, make_codes
+from swardmap.train.loss import set_loss
+from swardmap.train.networks import DeepLabV3Plus
+from swardmap.train.pictures import write_pictures
+from swardmap.train.recipe import Recipe
+from swardmap.train.score import Score
+from swardmap.types import Segmentation
+
+Report = Callable[[Mapping[str, Any]], None]
+
+
+@dataclass(eq=False)
+class Run:
+    """Everything that changes while a network is trained."""
+
+    recipe: Recipe
+    device: torch.device
+    network: DeepLabV3Plus
+    auxiliary: nn.Module
+    average: dict[str, Tensor]
+    optimizer: torch.optim.Optimizer
+    step: int = 0
+    best: float = -1.0
+    history: list[dict[str, Any]] = field(default_factory=list)
+
+
+def start_run(recipe: Recipe, device: torch.device, pretrained: bool = True) -> Run:
+    """A run at step 0."""
+    network = build_network(recipe, pretrained).to(device, memory_format=torch.channels_last)
+    classes = recipe.network.auxiliary_classes
+    auxiliary = nn.Conv2d(recipe.network.decoder_channels, classes, 1) if classes else nn.Identity()
+    auxiliary = auxiliary.to(device)
+    schedule = recipe.schedule
+    encoder = [p for p in network.encoder.parameters() if p.requires_grad]
+    rest = [p for n, p in network.named_parameters() if not n.startswith("encoder.") and p.requires_grad]
+    groups = [
+        {"params": encoder, "lr": schedule.encoder_rate, "peak": schedule.encoder_rate},
+        {
+            "params": rest + list(auxiliary.parameters()),
+            "lr": schedule.decoder_rate,
+            "peak": schedule.decoder_rate,
+        },
+    ]
+    optimizer = torch.optim.AdamW(groups, weight_decay=schedule.weight_decay)
+    average = {k: v.detach().clone() for k, v in network.state_dict().items()}
+    return Run(recipe, device, network, auxiliary, average, optimizer)
+
+
+def train(recipe: Recipe, root: Path, out: Path, report: Report, device: str = "cpu") -> Run:
+    """Train until the recipe's last step; goes on from `out/last.pt` if it is there.
+
+    Args:
+        recipe: what and how.
+        root: folder the recipe's data folders are in.
+        out: gets `last.pt`, `best.pt`, `curve.json`, `curve.png` and `examples.png`.
+        report: told of each step's loss and each validation's figures.
+        device: as torch names it.
+
+    Raises:
+        ConfigError: if `out/last.pt` is of another recipe.
+        InputError: for data that is missing or damaged.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    rank, world = join_processes()
+    run = start_run(recipe, torch.device(device))
+    if (out / "last.pt").exists():
+        restore(run, out / "last.pt")
+    learn, check = load_photos(recipe, root, validation=False), load_photos(recipe, root, validation=True)
+    codes = make_codes(recipe)
+    while run.step < recipe.schedule.steps:
+        loss = train_step(run, learn, codes, rank, world)
+        if rank != 0:
+            continue
+        report({"step": run.step, "loss": loss})
+        if run.step % recipe.schedule.check_every == 0 or run.step == recipe.schedule.steps:
+            network = averaged_network(run)
+            figures = validate(network, recipe, check, run.device)
+            run.history.append({"step": run.step, "loss": loss, **figures})
+            report(run.history[-1])
+            save_progress(run, out, merit(figures))
+            write_pictures(out, run.history, _examples(network, recipe, check, run.device))
+    return run
+
+
+def join_processes() -> tuple[int, int]:
+    """Rank and number of the processes that `torchrun` started; (0, 1) without it."""
+    world = int(os.environ.get("WORLD_SIZE", "1"))
+    if world > 1 and not torch.distributed.is_initialized():
+        torch.distributed.init_process_group("nccl" if torch.cuda.is_available() else "gloo")
+    return (torch.distributed.get_rank(), world) if world > 1 else (0, 1)
+
+
+def train_step(run: Run, sets: Sequence[PhotoSet], codes: Codes, rank: int = 0, world: int = 1) -> float:
+    """One step, of which this process takes every `world`-th view; returns the loss."""
+    schedule = run.recipe.schedule
+    torch.manual_seed(schedule.seed * 1_000_003 + run.step)  # dropout
+    views = draw_batch(sets, run.recipe, range(rank, schedule.batch, world), run.step)
+    for group in run.optimizer.param_groups:
+        group["lr"] = group["peak"] * _pace(run.step, schedule.warmup, schedule.steps)
+    run.network.train()
+    image, view_codes, fine = _tensors(views, run)
+    half = torch.autocast(run.device.type, torch.bfloat16, enabled=schedule.precision == "bf16")
+    with half:
+        features = run.network.features(image)
+        logits = run.network.segmentation_head(features)
+        finer = run.auxiliary(features)
+    logits = F.interpolate(logits.float(), size=image.shape[-2:], mode="bilinear", align_corners=False)
+    loss = set_loss(logits, view_codes, codes)
+    if run.recipe.network.auxiliary_classes:
+        small = fine[:, 2::4, 2::4].long()
+        total = F.cross_entropy(finer.float(), small, ignore_index=255, reduction="sum")
+        loss = loss + schedule.auxiliary_weight * total / (small != 255).sum().clamp(min=1)
+    run.optimizer.zero_grad(set_to_none=True)
+    loss.backward()
+    _share_gradients(run, world)
+    nn.utils.clip_grad_norm_(run.network.parameters(), 5.0)
+    run.optimizer.step()
+    run.step += 1
+    _update_average(run)
+    return float(loss.detach())
+
+
+@torch.no_grad()
+def validate(
+    network: nn.Module, recipe: Recipe, sets: Sequence[PhotoSet], device: torch.device
+) -> dict[str, Any]:
+    """Figures on whole photos, at the photo's own size; none without validation data."""
+    spec = network_spec(recipe)
+    ids = np.full(256, VOID_ID, np.uint8)
+    ids[: len(spec.channel_ids)] = spec.channel_ids
+    score = Score.empty(spec.channel_ids, spec.label_set)
+    photos = [p for s in sets for p in s.photos]
+    for photo in photos:
+        score = score.plus(ids[photo.codes], predict(network, recipe, photo, device).labels)
+    return dict(score.figures()) if photos else {}
+
+
+@torch.no_grad()
+def predict(network: nn.Module, recipe: Recipe, photo: Photo, device: torch.device) -> Segmentation:
+    """The network's mask of a photo, stretched as the shipped network will see it, at the photo's size."""
+    spec = network_spec(recipe)
+    buffer = np.zeros((1, 3, spec.height, spec.width), np.float32)
+    preprocess(photo.image, spec, buffer)
+    logits = network(torch.from_numpy(buffer).to(device)).float().cpu().numpy()
+    labels, confidence = decide(logits, spec)
+    return Segmentation(labels, spec.label_set, confidence).resized_to(*photo.codes.shape)
+
+
+def merit(figures: Mapping[str, Any]) -> float:
+    """One number to choose the best checkpoint by: grass found, obstacles not run over, persons seen."""
+    grass, person = figures.get("grass_iou"), figures.get("person_iou")
+    run_over = figures.get("obstacle_called_grass")
+    return (grass or 0.0) + 0.25 * (person or 0.0) - (run_over or 0.0)
+
+
+def averaged_network(run: Run) -> DeepLabV3Plus:
+    """The network with the running mean of its weights, ready to use."""
+    network = build_network(run.recipe, pretrained=False)
+    network.load_state_dict(run.average)
+    return network.to(run.device).eval()
+
+
+def _tensors(views: Sequence[Photo], run: Run) -> tuple[Tensor, Tensor, Tensor]:
+    spec = network_spec(run.recipe)
+    images = torch.from_numpy(np.stack([v.image for v in views])).to(run.device)
+    mean, std = (torch.tensor(v, device=run.device) for v in (spec.mean, spec.std))
+    x = ((images.float() / 255 - mean) / std).permute(0, 3, 1, 2)  # channels-last as it lies
+    codes, fine = (torch.from_numpy(np.stack([getattr(v, k) for v in views])) for k in ("codes", "fine"))
+    return x, codes.to(run.device), fine.to(run.device)
+
+
+def _share_gradients(run: Run, world: int) -> None:
+    """Every process steps along the mean of all gradients, so that their weights stay the same."""
+    if world == 1:
+        return
+    for group in run.optimizer.param_groups:
+        for parameter in group["params"]:
+            if parameter.grad is None:  # a collective needs every process
+                parameter.grad = torch.zeros_like(parameter)
+            torch.distributed.all_reduce(parameter.grad)
+            parameter.grad /= world
+
+
+@torch.no_grad()
+def _examples(
+    network: nn.Module, recipe: Recipe, sets: Sequence[PhotoSet], device: torch.device, count: int = 12
+) -> list[tuple[Photo, Segmentation]]:
+    photos = [p for s in sets for p in s.photos]
+    return [(p, predict(network, recipe, p, device)) for p in photos[:: max(1, len(photos) // count)]]
+
+
+def _pace(step: int, warmup: int, steps: int) -> float:
+    if step < warmup:
+        return (step + 1) / warmup
+    return 0.5 * (1 + float(np.cos(np.pi * (step - warmup) / max(1, steps - warmup))))
+
+
+@torch.no_grad()
+def _update_average(run: Run) -> None:
+    decay = min(run.recipe.schedule.averaging, (1 + run.step) / (10 + run.step))
+    for key, value in run.network.state_dict().items():
+        kept = run.average[key]
+        if kept.is_floating_point():
+            kept.lerp_(value, 1 - decay)
+        else:
+            kept.copy_(value)

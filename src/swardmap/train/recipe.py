@@ -1,0 +1,186 @@
+"""A training recipe: one YAML file that says what is trained, on what, and how.
+
+The recipe of the shipped network is in the folder `recipes` of the repository.
+"""
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from swardmap.config import _build, _Checked, setting
+from swardmap.errors import ConfigError
+from swardmap.labels import GRASS_OBSTACLE, GRASS_OBSTACLE_PERSON, LabelSet, Role
+
+LABEL_SETS: Mapping[str, LabelSet] = {
+    "grass-obstacle": GRASS_OBSTACLE,
+    "grass-obstacle-person": GRASS_OBSTACLE_PERSON,
+}
+ENCODER_NAMES = ("resnet18", "resnet34", "efficientnet-lite0", "efficientnet-lite1", "efficientnet-lite2")
+
+
+@dataclass(frozen=True)
+class NetworkConfig(_Checked):
+    """Which network."""
+
+    encoder: str = setting("efficientnet-lite2", "", choices=ENCODER_NAMES)
+    decoder_channels: int = setting(128, "256 in the paper's network", minimum=8)
+    rates: tuple[int, int, int] = setting((6, 12, 18), "dilations of ASPP")
+    dropout: float = setting(0.1, "before the head", minimum=0, maximum=0.9)
+    activation: str = setting("softmax", "sigmoid: one channel, two classes", choices=("softmax", "sigmoid"))
+    classes: str = setting("grass-obstacle-person", "", choices=tuple(LABEL_SETS))
+    width: int = setting(384, "of the input in pixels", minimum=32)
+    height: int = setting(288, "of the input in pixels", minimum=32)
+    imagenet: bool = setting(True, "start the encoder from ImageNet where such weights are to be had")
+    frozen_blocks: int = setting(2, "first blocks that do not learn; -1 = everything learns", minimum=-1)
+    auxiliary_classes: int = setting(
+        0, "classes of the finer labels that help in training; 0 = none", minimum=0
+    )
+
+    @property
+    def label_set(self) -> LabelSet:
+        """Classes of the mask."""
+        return LABEL_SETS[self.classes]
+
+    @property
+    def trained_ids(self) -> tuple[int, ...]:
+        """Ids of the classes that have an output, in the order of the channels."""
+        return tuple(c.id for c in self.label_set.classes if c.role is not Role.VOID)
+
+
+@dataclass(frozen=True)
+class ScheduleConfig(_Checked):
+    """How it learns."""
+
+    steps: int = setting(1200, "", minimum=1)
+    batch: int = setting(16, "images a step, over all processes", minimum=1)
+    crop: int = setting(320, "edge of the square views it learns from; 0 = the network's input", minimum=0)
+    decoder_rate: float = setting(1e-3, "learning rate at its peak", minimum=0)
+    encoder_rate: float = setting(2e-4, "learning rate at its peak", minimum=0)
+    warmup: int = setting(60, "steps to the peak", minimum=0)
+    weight_decay: float = setting(0.01, "", minimum=0)
+    averaging: float = setting(
+        0.995, "decay of the running mean of the weights that is kept", minimum=0, maximum=1
+    )
+    person_weight: float = setting(2.0, "of a person pixel in the loss", minimum=0)
+    pseudo_weight: float = setting(0.5, "of a teacher's pixel in the loss", minimum=0)
+    partial_weight: float = setting(0.5, "of a pixel known only to be one of several classes", minimum=0)
+    auxiliary_weight: float = setting(0.4, "of the finer labels in the loss", minimum=0)
+    paste_person: float = setting(0.15, "share of views that get a person pasted in", minimum=0, maximum=1)
+    check_every: int = setting(100, "steps from one checkpoint and validation to the next", minimum=1)
+    seed: int = setting(0, "")
+    precision: str = setting("bf16", "", choices=("bf16", "fp32"))
+
+
+@dataclass(frozen=True)
+class DataConfig(_Checked):
+    """One data set: a folder of images and masks, or a recording with true labels (folder, EDEN)."""
+
+    name: str = setting("", "what to call it")
+    folder: str = setting("", "relative to the data root")
+    kind: str = setting(
+        "images", "recording: any source that `swardmap map` reads", choices=("images", "recording")
+    )
+    list: str | None = setting(None, "text file in the folder with one stem a line; none = all images")
+    images: str = setting("images", "subfolder")
+    labels: str | None = setting("labels", "subfolder of masks named as the images; none = unlabelled")
+    label_suffix: str = setting(".png", "what follows the image's stem in the mask's name")
+    ids: str = setting(
+        "", "classes of the masks' ids, as 0=other,1=grass,2=person (the default); others void"
+    )
+    fine: str | None = setting(None, "subfolder of masks with finer classes; 0 and 255 are void")
+    pseudo: str | None = setting(None, "folder of teachers' masks, made by `swardmap train --distil`")
+    void_means: str = setting("", "classes that a void pixel may be, with commas; empty = any")
+    weight: float = setting(1.0, "share of the samples", minimum=0)
+    person_boost: float = setting(1.0, "how much more often an image with a person is drawn", minimum=0)
+    validation: bool = setting(False, "measured on, not learnt from")
+    every: int = setting(1, "use every n-th image", minimum=1)
+    hold_out: int = setting(
+        0, "every n-th image is for validation and no other; give both sets the same n; 0 = none", minimum=0
+    )
+
+
+@dataclass(frozen=True)
+class TeacherConfig(_Checked):
+    """A network that labels photos nobody labelled; it must give logits, classes first."""
+
+    file: str = setting("", ".onnx file, relative to the data root")
+    size: int = setting(512, "edge of its square input", minimum=32)
+    mean: float = setting(0.5, "of its input in 0..1")
+    std: float = setting(0.5, "of its input in 0..1", minimum=1e-3)
+    grass: str = setting("", "its channels that are grass, with commas; empty = not asked")
+    person: str = setting("", "its channels that are person; empty = not asked")
+    doubtful: str = setting("", "its channels that say nothing about either, such as field or background")
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """All of it."""
+
+    name: str
+    network: NetworkConfig = field(default_factory=NetworkConfig)
+    schedule: ScheduleConfig = field(default_factory=ScheduleConfig)
+    data: tuple[DataConfig, ...] = ()
+    teachers: tuple[TeacherConfig, ...] = ()
+    licence: str = ""
+
+    def __post_init__(self) -> None:
+        if not any(d.weight > 0 and not d.validation for d in self.data):
+            raise ConfigError(f"recipe {self.name}: expected data to learn from, got none")
+        sigmoid, classes = self.network.activation == "sigmoid", len(self.network.trained_ids)
+        if sigmoid and classes != 2:
+            raise ConfigError(f"recipe {self.name}: a sigmoid tells two classes apart, got {classes}")
+
+    @property
+    def digest(self) -> str:
+        """Short hash of everything that shapes the result; a run resumes only under its own recipe."""
+        return hashlib.sha256(repr(asdict(self)).encode()).hexdigest()[:12]
+
+
+def load_recipe(path: Path) -> Recipe:
+    """Read a recipe.
+
+    Raises:
+        ConfigError: for a file that cannot be read, an unknown key or a value out of range.
+    """
+    try:
+        tree = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise ConfigError(f"cannot read the recipe {path}: {error}") from error
+    return recipe_from_dict(tree, str(path))
+
+
+def recipe_from_dict(tree: Any, where: str = "recipe") -> Recipe:
+    """Build a recipe from plain dicts, as `recipe_to_dict` gives them.
+
+    Raises:
+        ConfigError: as `load_recipe`.
+    """
+    if not isinstance(tree, dict) or "name" not in tree:
+        raise ConfigError(f"{where}: expected keys with at least 'name', got {type(tree).__name__}")
+    unknown = set(tree) - {f.name for f in fields(Recipe)}
+    if unknown:
+        raise ConfigError(f"{where}: unknown keys {', '.join(sorted(unknown))}")
+    lists = {key: tree.get(key) or [] for key in ("data", "teachers")}
+    for key, value in lists.items():
+        if not isinstance(value, (list, tuple)):
+            raise ConfigError(f"{where}: expected a list under '{key}', got {type(value).__name__}")
+    return Recipe(
+        name=str(tree["name"]),
+        network=_build(NetworkConfig, tree.get("network") or {}, "network."),
+        schedule=_build(ScheduleConfig, tree.get("schedule") or {}, "schedule."),
+        data=tuple(_build(DataConfig, d, f"data[{i}].") for i, d in enumerate(lists["data"])),
+        teachers=tuple(_build(TeacherConfig, t, f"teachers[{i}].") for i, t in enumerate(lists["teachers"])),
+        licence=str(tree.get("licence", "")),
+    )
+
+
+def recipe_to_dict(recipe: Recipe) -> dict[str, Any]:
+    """Plain dicts, lists, strings and numbers."""
+    tree = asdict(recipe)
+    tree["network"]["rates"] = list(recipe.network.rates)
+    tree["data"], tree["teachers"] = list(tree["data"]), list(tree["teachers"])
+    return tree

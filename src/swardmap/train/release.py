@@ -1,0 +1,74 @@
+"""The whole way from a checkpoint to a file one can ship: export, quantise, calibrate, measure."""
+
+from dataclasses import replace
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from swardmap.train.build import network_spec
+from swardmap.train.checkpoint import load_network
+from swardmap.train.data import Photo, load_photos
+from swardmap.train.export import check, export_onnx, fit_temperature, quantise, with_spec
+
+
+def release(
+    checkpoint: Path,
+    root: Path,
+    out: Path,
+    int8: bool = True,
+    images: int = 64,
+    size: tuple[int, int] | None = None,
+) -> dict[str, Any]:
+    """Write `out`, and say what it costs and how good it is on the recipe's validation data.
+
+    Args:
+        checkpoint: of `train`.
+        root: folder the recipe's data folders are in.
+        out: the .onnx file; replaced whole.
+        int8: quantise, calibrated on training images.
+        images: how many of those.
+        size: width and height of the input, if not the recipe's.
+
+    Returns:
+        Figures of both precisions, the INT8 loss in points of grass IoU, temperature, size.
+    """
+    network, recipe, state = load_network(checkpoint)
+    spec = network_spec(recipe)
+    if size is not None:
+        spec = replace(spec, width=size[0], height=size[1])
+    sets = [{"name": d.name, "folder": d.folder, "weight": d.weight} for d in recipe.data if not d.validation]
+    spec = replace(spec, training={"recipe": recipe.name, "steps": state["step"], "data": sets})
+    plain = out.with_suffix(".float32.onnx") if int8 else out
+    difference = export_onnx(network, spec, plain)
+    held = [photo for s in load_photos(recipe, root, validation=True) for photo in s.photos]
+    result: dict[str, Any] = {"file": str(out), "difference": difference}
+    try:
+        if held:
+            result["float32"] = _figures(plain, held)
+        if int8:
+            photos = [photo.image for photo in _spread(recipe, root, images)]
+            quantise(plain, out, photos)
+            result["int8"] = _figures(out, held) if held else None
+    finally:
+        if int8:
+            plain.unlink(missing_ok=True)
+    temperature = fit_temperature(out, held) if held else 1.0
+    metrics = {k: result[k] for k in ("float32", "int8") if result.get(k)}
+    with_spec(out, temperature=temperature, metrics=metrics)
+    result.update(temperature=temperature, bytes=out.stat().st_size, int8_loss_points=_loss(result))
+    return result
+
+
+def _spread(recipe: Any, root: Path, count: int) -> list[Photo]:
+    """Training photos, taken evenly from all sets."""
+    photos = [photo for s in load_photos(recipe, root, validation=False) for photo in s.photos]
+    return list(islice(photos[:: max(1, len(photos) // count)], count))
+
+
+def _figures(path: Path, photos: list[Photo]) -> dict[str, float | None]:
+    return dict(check(path, photos).score.figures())
+
+
+def _loss(result: dict[str, Any]) -> float | None:
+    before, after = ((result.get(k) or {}).get("grass_iou") for k in ("float32", "int8"))
+    return None if before is None or after is None else 100 * (before - after)
