@@ -1,0 +1,1 @@
+"""Scenes with exact truth: geometry, classes, depth and the map are all known."""
