@@ -5,7 +5,7 @@ from bisect import bisect_left, insort
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from swardmap.errors import InputError, InvalidValueError
+from swardmap.errors import InputError
 from swardmap.geometry import Pose, interpolate_pose
 
 Sample = tuple[int, tuple[float, float, float], tuple[float, float, float, float]]
@@ -76,17 +76,13 @@ class TransformBuffer:
         Raises:
             InputError: if the child has another parent already.
         """
-        values = [float(v) for v in (*translation_m, *quaternion_xyzw)]
-        length = math.sqrt(math.fsum(q * q for q in values[3:])) if all(map(math.isfinite, values)) else 0.0
-        if not abs(length - 1) < 0.01:
+        if not _is_rigid(translation_m, quaternion_xyzw):
             self.refused += 1
             return
         edge = self._edge(parent, child)
-        sample: Sample = (
-            stamp_ns,
-            (values[0], values[1], values[2]),
-            (values[3], values[4], values[5], values[6]),
-        )
+        x, y, z = map(float, translation_m)
+        qx, qy, qz, qw = map(float, quaternion_xyzw)
+        sample: Sample = (stamp_ns, (x, y, z), (qx, qy, qz, qw))
         if not edge.samples or stamp_ns > edge.samples[-1][0]:
             edge.samples.append(sample)
             return
@@ -103,10 +99,12 @@ class TransformBuffer:
         Raises:
             InputError: for NaN, a quaternion that is not of length 1, or a second parent.
         """
-        try:
-            pose = Pose.from_quaternion(_name(parent), _name(child), translation_m, quaternion_xyzw)
-        except InvalidValueError as error:
-            raise InputError(f"static transform {parent} <- {child} cannot be used: {error}") from error
+        if not _is_rigid(translation_m, quaternion_xyzw):
+            raise InputError(
+                f"static transform {parent} <- {child}: expected three finite numbers and a quaternion of "
+                f"length 1, got {tuple(translation_m)} and {tuple(quaternion_xyzw)}"
+            )
+        pose = Pose.from_quaternion(_name(parent), _name(child), translation_m, quaternion_xyzw)
         self._edge(parent, child).static = pose
 
     def lookup(self, parent: str, child: str, stamp_ns: int, tolerance_ns: int) -> Pose | None:
@@ -189,6 +187,12 @@ class TransformBuffer:
                 return None
             pose = step @ pose
         return pose
+
+
+def _is_rigid(translation_m: Sequence[float], quaternion_xyzw: Sequence[float]) -> bool:
+    """Whether all numbers are finite and the quaternion has length 1 within 1 %."""
+    finite = all(math.isfinite(v) for v in (*translation_m, *quaternion_xyzw))
+    return finite and abs(math.hypot(*quaternion_xyzw) - 1) < 0.01
 
 
 def _stamp(sample: Sample) -> int:
