@@ -10,18 +10,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from swardmap.align import align_depth_to_color
 from swardmap.config import SourceConfig
 from swardmap.errors import InputError, InvalidValueError
-from swardmap.geometry import Intrinsics, Pose
-from swardmap.io import realsense_recording
-from swardmap.io.bag_poses import PosePlan, add_message, latest_between, plan_poses, static_messages
+from swardmap.geometry import Pose
+from swardmap.io.bag_plan import BagPlan, make_plan
+from swardmap.io.bag_poses import add_message
 from swardmap.io.bag_reader import Bag, open_bag
-from swardmap.io.bag_topics import ImageTopic, choose_topics
 from swardmap.io.pairing import COLOR, DEPTH, Pair, Pairer
-from swardmap.io.ros_camera import Calibration, calibration_from_camera_info
 from swardmap.io.tf import TransformBuffer
 from swardmap.labels import LabelSet
 from swardmap.types import Frame
@@ -37,22 +33,6 @@ WAIT_NS = 2_000_000_000
 
 WAITING_PAIRS = 60
 """How many images wait at most."""
-
-SAME_PIXEL = 1e-3
-"""Cameras whose numbers differ by less are the same."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Plan:
-    """What was found in the recording when it was opened."""
-
-    color: ImageTopic
-    depth: ImageTopic
-    color_camera: Calibration
-    depth_camera: Calibration
-    depth_unit_m: float
-    T_color_depth: Pose | None  # None: depth is in the pixels of the colour image already
-    poses: PosePlan | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,13 +66,13 @@ def open_source(path: Path, config: SourceConfig) -> "RosbagSource":
             )
         path = files[0]
     with open_bag(path) as bag:
-        return RosbagSource(path, config, _make_plan(bag, config))
+        return RosbagSource(path, config, make_plan(bag, config))
 
 
 class RosbagSource:
     """Frames of a recording; see `swardmap.io.FrameSource`."""
 
-    def __init__(self, path: Path, config: SourceConfig, plan: _Plan) -> None:
+    def __init__(self, path: Path, config: SourceConfig, plan: BagPlan) -> None:
         self._path, self._config, self._plan = path, config, plan
         self._skipped: Counter[str] = Counter()
 
@@ -211,55 +191,6 @@ class RosbagSource:
             T_map_camera,
             name=f"{index:06d}",
         )
-
-
-def _make_plan(bag: Bag, config: SourceConfig) -> _Plan:
-    color, depth = choose_topics(bag, config)
-    color_camera = _calibration(bag, color)
-    is_same_view = depth.frame_id == color.frame_id and not realsense_recording.is_sdk_bag(bag, depth.name)
-    depth_camera = color_camera if depth.info is None and is_same_view else _calibration(bag, depth)
-    static = static_messages(bag)
-    unit_m = config.depth_unit_m or realsense_recording.depth_unit_m(bag, depth.name) or 0.001
-    camera_frame = (config.camera_frame or color.frame_id).strip("/")
-    T_color_depth = _color_from_depth(bag, color, depth, static)
-    coincide = np.array_equal(T_color_depth.matrix, np.eye(4))
-    aligned = coincide and _same_pixels(color_camera.intrinsics, depth_camera.intrinsics)
-    poses = plan_poses(bag, config, camera_frame, static)
-    return _Plan(color, depth, color_camera, depth_camera, unit_m, None if aligned else T_color_depth, poses)
-
-
-def _calibration(bag: Bag, topic: ImageTopic) -> Calibration:
-    if topic.info is None or (data := bag.first(topic.info)) is None:
-        raise InputError(
-            f"{bag.path}: no CameraInfo beside {topic.name}. Record it, or name its topic with "
-            "--set source.color_info_topic=... or source.depth_info_topic=..."
-        )
-    return calibration_from_camera_info(bag.decode(topic.info, data), topic.rectified, topic.info)
-
-
-def _color_from_depth(bag: Bag, color: ImageTopic, depth: ImageTopic, static: tuple[object, ...]) -> Pose:
-    """T_color_depth of the two cameras.
-
-    Raises:
-        InputError: if it is not recorded.
-    """
-    if realsense_recording.is_sdk_bag(bag, depth.name):
-        return realsense_recording.color_from_depth(bag, color.name, depth.name)
-    if depth.frame_id == color.frame_id:
-        return Pose.identity("color", "depth")
-    T = latest_between(bag, color.frame_id, depth.frame_id, static)
-    if T is None and not depth.aligned:
-        raise InputError(
-            f"{bag.path}: depth is seen from '{depth.frame_id}' and colour from '{color.frame_id}', and no "
-            "tf says how they stand to each other. Record /tf_static, or the aligned depth topic "
-            "(realsense-ros: align_depth.enable:=true; else depth_image_proc register)."
-        )
-    return Pose.identity("color", "depth") if T is None else T
-
-
-def _same_pixels(a: Intrinsics, b: Intrinsics) -> bool:
-    first, second = ((c.width, c.height, c.fx, c.fy, c.cx, c.cy) for c in (a, b))
-    return bool(np.allclose(first, second, rtol=0, atol=SAME_PIXEL))
 
 
 def _storage_files(folder: Path) -> Iterator[Path]:
