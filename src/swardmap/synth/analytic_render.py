@@ -171,8 +171,8 @@ def _texture(
         clover = _noise(x / 7.0, y / 7.0 + 90, smooth=True)
         stripe = np.where(np.floor(y / STRIPE_M) % 2 == 0, 0.07, -0.07)
         tone = 1 + material.grain * blades * fine + stripe + 0.10 * clover
-        warm = np.array([14.0, 3.0, -2.0]) * clover[:, None]
-        return (base + warm) * tone[:, None]
+        warm = (14.0, 3.0, -2.0)
+        return np.stack([(base[c] + warm[c] * clover) * tone for c in range(3)], axis=-1)
     # Along the surface: across whichever horizontal axis the wall does not face, and up.
     horizontal = np.where(np.abs(normals[:, 0]) > np.abs(normals[:, 1]), y, x)
     upright = np.where(np.abs(normals[:, 2]) > 0.7, y, z)
@@ -210,11 +210,11 @@ def _noise(a: Float64Array, b: Float64Array, smooth: bool = False) -> Float64Arr
     table = _noise_table(smooth)
     size = len(table)
     i, j = np.floor(a * 64), np.floor(b * 64)
-    column, row = i.astype(np.int64) % size, j.astype(np.int64) % size
+    column, row = i.astype(np.int64) & size - 1, j.astype(np.int64) & size - 1
     if not smooth:
         nearest: Float64Array = table[row, column]
         return nearest
-    right, below, s, t = (column + 1) % size, (row + 1) % size, a * 64 - i, b * 64 - j
+    right, below, s, t = column + 1 & size - 1, row + 1 & size - 1, a * 64 - i, b * 64 - j
     upper = table[row, column] * (1 - s) + table[row, right] * s
     lower = table[below, column] * (1 - s) + table[below, right] * s
     values: Float64Array = upper * (1 - t) + lower * t
