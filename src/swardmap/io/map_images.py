@@ -31,13 +31,22 @@ def decode_grey(content: bytes, name: str) -> GreyImage:
     """
     if content[:2] in (b"P5", b"P2"):
         return _decode_pgm(content, name), None
+    check_image(content, name)
+    return _decode_with_opencv(content, name)
+
+
+def check_image(content: bytes, name: str) -> None:
+    """Refuse what is no whole PNG or BMP of a sane size, before OpenCV sees it.
+
+    Raises:
+        InputError: saying what is wrong.
+    """
     if content[:8] == b"\x89PNG\r\n\x1a\n":
         _check_png(content, name)
     elif content[:2] == b"BM" and len(content) >= 26:
         _check_bmp(content, name)
     else:
         raise InputError(f"{name}: expected a PGM, PNG or BMP image, got something else or an empty file")
-    return _decode_with_opencv(content, name)
 
 
 def _decode_pgm(content: bytes, name: str) -> NDArray[np.uint8]:

@@ -1,0 +1,185 @@
+"""`swardmap convert`: maps, costmaps, clouds and annotations from one format to another."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from swardmap.cli.options import Json
+from swardmap.costmap import Costmap
+from swardmap.errors import InputError, OutputError
+from swardmap.grid import OccupancyGrid
+from swardmap.labels import GRASS_OBSTACLE_PERSON, MapClass
+
+MAPS, PICTURES = (".yaml", ".yml", ".npz"), (".png", ".jpg", ".jpeg")
+CLOUDS = (".pcd", ".ply", ".bin")
+ANNOTATIONS = (".json", ".xml", "")
+
+Classes = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--class",
+        metavar="THEIRS=OURS",
+        help="What a class of the source is: other, grass, person or void; * = all the rest. Repeatable.",
+    ),
+]
+
+
+def convert(
+    source: Annotated[Path, typer.Argument(help="What to read: map, costmap, cloud or annotations.")],
+    target: Annotated[Path, typer.Argument(help="What to write; its suffix says the format.")],
+    classes: Classes = None,
+    names: Annotated[
+        Path | None, typer.Option(help="rviz_cloud_annotation: the text file with the names of the labels.")
+    ] = None,
+    frame: Annotated[str | None, typer.Option(help="Clouds: name of the frame, if not in the file.")] = None,
+    unlabeled: Annotated[
+        str | None, typer.Option(help="Clouds without labels: class of every point.")
+    ] = None,
+    ascii_text: Annotated[bool, typer.Option("--ascii", help="Clouds: write numbers as text.")] = False,
+    ignore_yaw: Annotated[bool, typer.Option(help="Maps: ignore a turned origin, as Nav2 does.")] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace TARGET if it exists.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Convert a map, a costmap, a labelled cloud or annotations.
+
+    Maps and costmaps: .yaml (with .pgm, as Nav2's map_server reads it), .npz; to a picture: .png, .jpg.
+
+    Clouds: .pcd (ascii, binary, compressed), .ply, .bin with .label (SemanticKITTI).
+
+    Annotations to a folder of masks: CVAT "Segmentation mask 1.1" and CamVid folders, CVAT .xml, COCO .json.
+
+    Examples:
+      swardmap convert map.yaml map.png
+
+      swardmap convert cvat_export/ masks/ --class lawn=grass --class tree=other --class background=void
+
+      swardmap convert 000123.bin garden.pcd --class 72=grass --class 30=person --class '*=other'
+    """
+    meanings = _meanings(classes or [])
+    if not source.exists():
+        raise InputError(f"no such file or folder: {source}")
+    if source.resolve() == target.resolve():
+        raise OutputError(f"source and target are the same: {source}")
+    suffix = "" if source.is_dir() else source.suffix.lower()
+    if suffix in MAPS:
+        result = _convert_map(source, target, ignore_yaw, overwrite)
+    elif suffix in CLOUDS:
+        result = _convert_cloud(source, target, meanings, names, frame, unlabeled, ascii_text, overwrite)
+    elif suffix in ANNOTATIONS:
+        result = _convert_annotations(source, target, meanings, overwrite)
+    else:
+        known = ", ".join((*MAPS, *CLOUDS, *ANNOTATIONS[:-1]))
+        raise InputError(f"{source}: expected {known}, or a folder of annotations")
+    if as_json:
+        print(json.dumps(result))
+    else:
+        counts = ", ".join(
+            f"{key} {value}" for key, value in result.items() if key not in ("written", "kind")
+        )
+        print(f"wrote {result['kind']} {result['written']}: {counts}")
+
+
+def _convert_map(source: Path, target: Path, ignore_yaw: bool, overwrite: bool) -> dict[str, Any]:
+    from swardmap.io.map_files import is_costmap, read_costmap, read_map, write_costmap, write_map
+    from swardmap.io.npz_files import read_npz, write_npz
+
+    if source.suffix.lower() == ".npz":
+        grid = read_npz(source)
+    else:
+        grid = read_costmap(source) if is_costmap(source) else read_map(source, ignore_yaw)
+    _check_target(target, (".yaml", ".npz", *PICTURES), overwrite)
+    suffix = target.suffix.lower()
+    if suffix in PICTURES:
+        from swardmap.viz.pictures import costmap_picture, map_picture, write_picture
+
+        picture = costmap_picture(grid) if isinstance(grid, Costmap) else map_picture(grid)
+        write_picture(picture, target)
+    elif suffix == ".npz":
+        write_npz(grid, target)
+    elif isinstance(grid, Costmap):
+        write_costmap(grid, target)
+    else:
+        write_map(grid, target)
+    size = {"width": grid.spec.width, "height": grid.spec.height, "resolution_m": grid.spec.resolution_m}
+    if not isinstance(grid, OccupancyGrid):
+        return {"kind": "costmap", "written": str(target), **size}
+    cells = {map_class.name.lower(): grid.count(map_class) for map_class in MapClass}
+    return {"kind": "map", "written": str(target), **size, **cells}
+
+
+def _convert_cloud(
+    source: Path,
+    target: Path,
+    meanings: Mapping[str, str],
+    names: Path | None,
+    frame: str | None,
+    unlabeled: str | None,
+    ascii_text: bool,
+    overwrite: bool,
+) -> dict[str, Any]:
+    from swardmap.io.annotation_files import read_annotated_cloud
+    from swardmap.io.cloud_files import label_points, read_points, write_cloud
+
+    _check_target(target, CLOUDS, overwrite)
+    points = read_points(source)
+    if names is not None:
+        cloud = read_annotated_cloud(source, names, GRASS_OBSTACLE_PERSON, meanings, frame)
+    else:
+        table = _ids_named(meanings, points.ids)
+        label_set = None if "classes" in points.own and table is None else GRASS_OBSTACLE_PERSON
+        cloud = label_points(points, label_set, table, frame, unlabeled)
+    write_cloud(cloud, target, ascii_text)
+    without = len(points.xyz) - len(cloud)
+    return {"kind": "cloud", "written": str(target), "points": len(cloud), "without a reading": without}
+
+
+def _convert_annotations(
+    source: Path, target: Path, meanings: Mapping[str, str], overwrite: bool
+) -> dict[str, Any]:
+    from swardmap.io.annotation_files import read_masks
+    from swardmap.io.mask_folder import write_masks
+
+    masks = read_masks(source, GRASS_OBSTACLE_PERSON, meanings)
+    if not len(masks):
+        raise InputError(f"{source}: no annotated image in it")
+    pixels = write_masks(masks, target, overwrite)
+    return {"kind": "masks", "written": str(target), "images": len(masks), **pixels}
+
+
+def _meanings(words: list[str]) -> dict[str, str]:
+    meanings = {}
+    for word in words:
+        theirs, sign, ours = word.rpartition("=")
+        if not sign or not theirs or not ours:
+            raise typer.BadParameter(f"--class: expected THEIRS=OURS, such as lawn=grass, got '{word}'")
+        meanings[theirs] = ours
+    return meanings
+
+
+def _ids_named(meanings: Mapping[str, str], ids: Any) -> dict[int, str] | None:
+    """`--class 72=grass` for a cloud: ids to names; * for all ids that occur and have none."""
+    if not meanings:
+        return None
+    strange = [
+        key for key in meanings if key != "*" and not (key.isascii() and key.isdigit() and len(key) < 10)
+    ]
+    if strange:
+        raise typer.BadParameter(
+            f"--class: the labels of this cloud are numbers: expected 72=grass, got '{strange[0]}=...'"
+        )
+    table = {int(key): name for key, name in meanings.items() if key != "*"}
+    if "*" in meanings and ids is not None:
+        table |= {i: meanings["*"] for i in set(ids.tolist()) if i not in table}
+    return table
+
+
+def _check_target(target: Path, suffixes: tuple[str, ...], overwrite: bool) -> None:
+    if target.suffix.lower() not in suffixes:
+        raise OutputError(f"{target}: expected a name ending in {', '.join(suffixes)}")
+    beside = {".yaml": (".pgm", "_costs.pgm"), ".bin": (".label",)}.get(target.suffix.lower(), ())
+    for file in (target, *(target.with_name(target.stem + ending) for ending in beside)):
+        if file.exists() and not overwrite:
+            raise OutputError(f"{file} exists: choose another name, or pass --overwrite")
