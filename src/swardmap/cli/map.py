@@ -67,7 +67,8 @@ def report(summary: dict[str, Any], out: Path) -> str:
     if found is None:
         lines.append("no poses: each frame has a map of its own in maps/")
     else:
-        cells, width, height = found["cells"], *found["size_cells"]
+        cells: dict[str, int] = found["cells"]
+        width, height = found["size_cells"]
         lines.append(
             f"map {width} x {height} cells of {found['resolution_m']:g} m: {cells['grass']} grass, "
             f"{cells['obstacle']} obstacle, {cells['person']} person, {cells['unknown']} unknown"

@@ -1,0 +1,82 @@
+"""The files of one run of `swardmap map`, written as the frames come.
+
+OUT/map.yaml, map.pgm         the accumulated map (Nav2's map_server reads it)
+OUT/costmap.yaml, costmap.pgm its costmap
+OUT/map.png, costmap.png      pictures of both
+OUT/frames/NAME.png           a picture of each n-th frame
+OUT/clouds/NAME.pcd           labelled clouds in the map frame, if asked for
+OUT/maps/NAME.yaml            standalone map of each frame, if asked for or if there are no poses
+OUT/summary.json, config.yaml what was counted, and all settings used
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from swardmap.config import Config, config_to_yaml
+from swardmap.costmap import Costmap
+from swardmap.grid import OccupancyGrid
+from swardmap.io.cloud_files import write_cloud
+from swardmap.io.files import write_bytes, write_text
+from swardmap.io.images import encode_png
+from swardmap.io.map_files import write_costmap, write_map
+from swardmap.pipeline import ObstacleMapper, StepResult
+
+
+class RunWriter:
+    """Writes the results of a run into a folder.
+
+    Args:
+        folder: an existing empty folder.
+        config: of the run; `config.output` says what to write.
+    """
+
+    def __init__(self, folder: Path, config: Config) -> None:
+        self._folder = folder
+        self._config = config
+        self._frames = 0
+        write_text(folder / "config.yaml", config_to_yaml(config), durable=False)
+
+    def add(self, step: StepResult, mapper: ObstacleMapper) -> None:
+        """Write what one frame gave."""
+        output, name = self._config.output, _file_name(step, self._frames)
+        self._frames += 1
+        if output.clouds != "none":
+            write_cloud(step.cloud(self._config), self._folder / "clouds" / f"{name}.{output.clouds}")
+        if output.frame_maps or step.frame.T_map_camera is None:
+            write_map(step.seen, self._folder / "maps" / f"{name}.yaml")
+        if output.pictures and (self._frames - 1) % output.pictures == 0:
+            self._write_picture(name, step, mapper)
+
+    def finish(self, grid: OccupancyGrid | None, costmap: Costmap | None, summary: dict[str, Any]) -> None:
+        """Write the accumulated map and the summary."""
+        from swardmap.viz.pictures import costmap_picture, map_picture
+
+        if grid is not None and costmap is not None:
+            write_map(grid, self._folder / "map.yaml")
+            write_costmap(costmap, self._folder / "costmap.yaml")
+            if self._config.output.pictures:
+                write_bytes(self._folder / "map.png", encode_png(map_picture(grid)))
+                write_bytes(self._folder / "costmap.png", encode_png(costmap_picture(costmap)))
+        write_text(self._folder / "summary.json", json.dumps(summary, indent=2) + "\n")
+
+    def _write_picture(self, name: str, step: StepResult, mapper: ObstacleMapper) -> None:
+        from swardmap.viz.pictures import frame_picture
+
+        costmap = mapper.costmap(step.seen)
+        picture = frame_picture(
+            step.frame,
+            step.segmentation,
+            step.cloud(self._config),
+            step.seen,
+            costs=None if costmap is None else costmap.costs,
+            T_map_camera=step.T_map_camera,
+        )
+        write_bytes(self._folder / "frames" / f"{name}.png", encode_png(picture), durable=False)
+
+
+def _file_name(step: StepResult, index: int) -> str:
+    """A safe file name: the frame's own if it is one, else its number."""
+    name = step.frame.name
+    plain = name and all(c.isalnum() or c in "-_." for c in name) and not name.startswith(".")
+    return name if plain else f"{index:06d}"
