@@ -39,7 +39,9 @@ def convert(
         str | None, typer.Option(help="Clouds without labels: class of every point.")
     ] = None,
     ascii_text: Annotated[bool, typer.Option("--ascii", help="Clouds: write numbers as text.")] = False,
-    ignore_yaw: Annotated[bool, typer.Option(help="Maps: ignore a turned origin, as Nav2 does.")] = False,
+    ignore_yaw: Annotated[
+        bool, typer.Option("--ignore-yaw", help="Maps: ignore a turned origin, as Nav2 does.")
+    ] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace TARGET if it exists.")] = False,
     as_json: Json = False,
 ) -> None:
@@ -51,13 +53,12 @@ def convert(
 
     Annotations to a folder of masks: CVAT "Segmentation mask 1.1" and CamVid folders, CVAT .xml, COCO .json.
 
+    \b
     Examples:
       swardmap convert map.yaml map.png
-
-      swardmap convert cvat_export/ masks/ --class lawn=grass --class tree=other --class background=void
-
-      swardmap convert 000123.bin garden.pcd --class 72=grass --class 30=person --class '*=other'
-    """
+      swardmap convert cvat_export/ masks/ --class lawn=grass --class tree=other
+      swardmap convert 000123.bin lawn.pcd --class 72=grass --class '*=other'
+    """  # noqa: D301 - \b is click's sign to leave line breaks alone
     meanings = _meanings(classes or [])
     if not source.exists():
         raise InputError(f"no such file or folder: {source}")
