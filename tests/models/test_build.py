@@ -8,7 +8,8 @@ import swardmap.models as models
 from swardmap.config import SegmenterConfig
 from swardmap.errors import ConfigError, InputError, ModelError
 from swardmap.labels import GRASS_OBSTACLE
-from swardmap.models import SEGMENTERS, Segmenter, SegmenterModule, build_segmenter
+from swardmap.models import SEGMENTERS, SegmenterModule, build_segmenter
+from swardmap.pipeline import Segmenter
 from swardmap.types import Frame
 
 MakeFrame = Callable[..., Frame]

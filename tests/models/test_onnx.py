@@ -201,7 +201,7 @@ def test_another_number_of_channels_is_refused(tmp_path: Path, channels: int) ->
 def test_another_size_or_type_of_input_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ModelError, match="the network takes"):
         OnnxSegmenter(write_network(tmp_path / "net.onnx", 3, SPEC.to_json(), height=48))
-    with pytest.raises(ModelError, match="one float input|does not load"):
+    with pytest.raises(ModelError, match=r"one float input|does not load"):
         OnnxSegmenter(write_network(tmp_path / "net.onnx", 3, SPEC.to_json(), kind=11))
 
 

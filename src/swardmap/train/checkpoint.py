@@ -2,20 +2,34 @@
 
 import os
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import torch
+from torch import Tensor, nn
 
 from swardmap.errors import ConfigError, InputError, ModelError
 from swardmap.train.build import build_network
 from swardmap.train.networks import DeepLabV3Plus
 from swardmap.train.recipe import Recipe, recipe_from_dict, recipe_to_dict
 
-if TYPE_CHECKING:
-    from swardmap.train.loop import Run
-
 CHECKPOINT_VERSION = 1
+
+
+@dataclass(eq=False)
+class Run:
+    """Everything that changes while a network is trained."""
+
+    recipe: Recipe
+    device: torch.device
+    network: DeepLabV3Plus
+    auxiliary: nn.Module
+    average: dict[str, Tensor]
+    optimizer: torch.optim.Optimizer
+    step: int = 0
+    best: float = -1.0
+    history: list[dict[str, Any]] = field(default_factory=list)
 
 
 def save_progress(run: Run, out: Path, value: float) -> None:

@@ -6,7 +6,6 @@ dropout are drawn from (seed, step). So a run that was killed and resumed ends w
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,7 @@ from torch.nn import functional as F  # noqa: N812 - torch's own name for it
 from swardmap.labels import VOID_ID
 from swardmap.models.onnx import decide, preprocess
 from swardmap.train.build import build_network, network_spec
-from swardmap.train.checkpoint import restore, save_progress
+from swardmap.train.checkpoint import Run, restore, save_progress
 from swardmap.train.data import Codes, Photo, PhotoSet, draw_batch, load_photos, make_codes
 from swardmap.train.loss import set_loss
 from swardmap.train.networks import DeepLabV3Plus
@@ -28,21 +27,6 @@ from swardmap.train.score import Score
 from swardmap.types import Segmentation
 
 Report = Callable[[Mapping[str, Any]], None]
-
-
-@dataclass(eq=False)
-class Run:
-    """Everything that changes while a network is trained."""
-
-    recipe: Recipe
-    device: torch.device
-    network: DeepLabV3Plus
-    auxiliary: nn.Module
-    average: dict[str, Tensor]
-    optimizer: torch.optim.Optimizer
-    step: int = 0
-    best: float = -1.0
-    history: list[dict[str, Any]] = field(default_factory=list)
 
 
 def start_run(recipe: Recipe, device: torch.device, pretrained: bool = True) -> Run:

@@ -1,0 +1,157 @@
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from swardmap.errors import ConfigError, InputError
+from swardmap.labels import VOID_ID
+from swardmap.train.augment import Strength, paste, relight, warp
+from swardmap.train.data import PARTIAL_CODE, PSEUDO_CODE, draw_batch, image_paths, load_photos
+from swardmap.train.recipe import DataConfig, load_recipe, recipe_from_dict, recipe_to_dict
+
+MakeRecipe = Callable[..., dict[str, Any]]
+
+
+def one_photo(root: Path, recipe: dict[str, Any]) -> Any:
+    return load_photos(recipe_from_dict(recipe), root, validation=False)[0].photos[0]
+
+
+def test_masks_become_class_indices(data_root: Path, tiny_recipe: MakeRecipe) -> None:
+    photo = one_photo(data_root, tiny_recipe())
+    mask = np.asarray(cv2.imread(str(data_root / "made/labels/000.png"), cv2.IMREAD_GRAYSCALE))
+    np.testing.assert_array_equal(photo.codes, mask)
+    assert photo.image[0, 0, 2] > photo.image[0, 0, 0]  # RGB: the sky is blue
+
+
+def test_a_two_class_network_learns_a_person_as_obstacle(data_root: Path, tiny_recipe: MakeRecipe) -> None:
+    photo = one_photo(data_root, tiny_recipe(classes="grass-obstacle"))
+    assert set(np.unique(photo.codes)) == {0, 1}
+
+
+def test_foreign_ids_are_named_in_the_recipe(data_root: Path, tiny_recipe: MakeRecipe) -> None:
+    recipe = tiny_recipe()
+    recipe["data"][0]["ids"] = "0=person, 2=grass"
+    photo = one_photo(data_root, recipe)
+    assert set(np.unique(photo.codes)) == {1, 2, VOID_ID}
+    recipe["data"][0]["ids"] = "x=person"
+    with pytest.raises(ConfigError, match="expected ids as"):
+        one_photo(data_root, recipe)
+
+
+def test_teachers_and_partial_labels_fill_only_what_is_void(
+    data_root: Path, tiny_recipe: MakeRecipe, tmp_path: Path
+) -> None:
+    for source in ("images", "labels"):
+        (tmp_path / "made" / source).mkdir(parents=True)
+    image = cv2.imread(str(data_root / "made/images/000.png"))
+    mask = np.asarray(cv2.imread(str(data_root / "made/labels/000.png"), cv2.IMREAD_GRAYSCALE))
+    mask[:, :40] = VOID_ID
+    cv2.imwrite(str(tmp_path / "made/images/000.png"), image)
+    cv2.imwrite(str(tmp_path / "made/labels/000.png"), mask)
+    (tmp_path / "said").mkdir()
+    said = np.full((4, 4), VOID_ID, np.uint8)
+    said[:, 0] = 1
+    cv2.imwrite(str(tmp_path / "said/000.png"), said)
+    recipe = tiny_recipe()
+    recipe["data"] = [{"name": "made", "folder": "made", "pseudo": "said", "void_means": "other,grass"}]
+    codes = one_photo(tmp_path, recipe).codes
+    assert (codes[:, :24] == PSEUDO_CODE + 1).all()
+    assert (codes[:, 24:40] == PARTIAL_CODE).all()
+    np.testing.assert_array_equal(codes[:, 40:], mask[:, 40:])
+
+
+def test_held_out_images_are_never_learnt_from(data_root: Path) -> None:
+    learn = image_paths(DataConfig(name="a", folder="made", hold_out=5), data_root)
+    check = image_paths(DataConfig(name="a", folder="made", hold_out=5, validation=True), data_root)
+    assert not set(learn) & set(check)
+    assert len(learn) + len(check) == 24
+    assert len(check) == 5
+
+
+def test_missing_and_damaged_files_are_said(data_root: Path, tiny_recipe: MakeRecipe, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such folder"):
+        image_paths(DataConfig(name="a", folder="nowhere"), data_root)
+    with pytest.raises(InputError, match="no such list"):
+        image_paths(DataConfig(name="a", folder="made", list="none.txt"), data_root)
+    (tmp_path / "made/images").mkdir(parents=True)
+    (tmp_path / "made/labels").mkdir()
+    (tmp_path / "made/images/000.png").write_bytes(b"no image")
+    with pytest.raises(InputError, match="missing or damaged"):
+        one_photo(tmp_path, tiny_recipe())
+    cv2.imwrite(str(tmp_path / "made/images/000.png"), np.zeros((8, 8, 3), np.uint8))
+    cv2.imwrite(str(tmp_path / "made/labels/000.png"), np.zeros((8, 9), np.uint8))
+    with pytest.raises(InputError, match="expected a mask of 8 x 8"):
+        one_photo(tmp_path, tiny_recipe())
+
+
+def test_a_view_depends_on_seed_step_and_index_alone(data_root: Path, tiny_recipe: MakeRecipe) -> None:
+    recipe = recipe_from_dict(tiny_recipe())
+    sets = load_photos(recipe, data_root, validation=False)
+    whole = draw_batch(sets, recipe, range(4), step=7)
+    second = draw_batch(sets, recipe, [1, 3], step=7)
+    for a, b in zip(whole[1::2], second, strict=True):
+        np.testing.assert_array_equal(a.image, b.image)
+        np.testing.assert_array_equal(a.codes, b.codes)
+    other = draw_batch(sets, recipe, range(4), step=8)
+    assert any(not np.array_equal(a.image, b.image) for a, b in zip(whole, other, strict=True))
+
+
+def test_image_and_mask_move_together() -> None:
+    rng = np.random.default_rng(0)
+    mask = np.zeros((120, 160), np.uint8)
+    mask[40:80, 50:110] = 1
+    image = np.repeat(mask[..., None] * np.uint8(200), 3, axis=2)
+    for _ in range(20):
+        moved, codes = warp(image, mask, (96, 72), Strength(), rng)
+        inside, outside = moved[codes == 1, 0], moved[codes == 0, 0]
+        assert (inside > 100).mean() > 0.97
+        assert (outside < 100).mean() > 0.97
+
+
+def test_light_changes_colours_and_nothing_else() -> None:
+    rng = np.random.default_rng(1)
+    image = rng.integers(0, 256, (60, 80, 3), np.uint8)
+    for _ in range(60):
+        lit = relight(image, Strength(rare=0.5), rng)
+        assert lit.shape == image.shape
+        assert lit.dtype == np.uint8
+
+
+def test_a_pasted_person_keeps_its_pixels_and_gets_a_void_outline() -> None:
+    image, codes = np.zeros((20, 20, 3), np.uint8), np.ones((20, 20), np.uint8)
+    donor, donor_codes = np.full((20, 20, 3), 9, np.uint8), np.zeros((20, 20), np.uint8)
+    donor_codes[5:10, 5:10] = 2
+    pasted, new = paste(image, codes, donor, donor_codes, 2)
+    np.testing.assert_array_equal(pasted[..., 0] == 9, donor_codes == 2)
+    assert (new == 2).sum() == 25
+    assert (new == VOID_ID).sum() == 7 * 7 - 25
+    assert not image.any()
+
+
+def test_recipes_come_back_whole_and_refuse_what_they_do_not_know(
+    tiny_recipe: MakeRecipe, tmp_path: Path
+) -> None:
+    recipe = recipe_from_dict(tiny_recipe())
+    assert recipe_from_dict(recipe_to_dict(recipe)) == recipe
+    assert recipe.digest == recipe_from_dict(recipe_to_dict(recipe)).digest
+    with pytest.raises(ConfigError, match="did you mean 'steps'"):
+        recipe_from_dict({**tiny_recipe(), "schedule": {"step": 3}})
+    with pytest.raises(ConfigError, match="unknown keys nets"):
+        recipe_from_dict({**tiny_recipe(), "nets": {}})
+    with pytest.raises(ConfigError, match="two classes"):
+        recipe_from_dict(tiny_recipe(activation="sigmoid"))
+    with pytest.raises(ConfigError, match="data to learn from"):
+        recipe_from_dict({"name": "x"})
+    (tmp_path / "bad.yaml").write_text("name: [")
+    with pytest.raises(ConfigError, match="cannot read the recipe"):
+        load_recipe(tmp_path / "bad.yaml")
+
+
+@pytest.mark.parametrize(
+    "path", sorted(Path(__file__).parents[2].glob("recipes/*.yaml")), ids=lambda p: p.stem
+)
+def test_the_committed_recipes_are_sound(path: Path) -> None:
+    assert load_recipe(path).name

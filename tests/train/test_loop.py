@@ -1,0 +1,107 @@
+import pickle
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from swardmap.errors import ConfigError, InputError, ModelError
+from swardmap.train import loop
+from swardmap.train.checkpoint import load_network, read_checkpoint
+from swardmap.train.data import draw_batch, load_photos, make_codes
+from swardmap.train.loop import start_run, train, train_step
+from swardmap.train.recipe import recipe_from_dict
+
+MakeRecipe = Callable[..., dict[str, Any]]
+
+
+class KilledError(Exception):
+    pass
+
+
+def silent(_: Mapping[str, Any]) -> None:
+    pass
+
+
+@pytest.fixture(autouse=True)
+def one_thread() -> None:
+    torch.set_num_threads(1)
+
+
+def killed_at(step: int) -> Callable[[Mapping[str, Any]], None]:
+    def report(figures: Mapping[str, Any]) -> None:
+        if figures["step"] == step and "accuracy" not in figures:
+            raise KilledError
+
+    return report
+
+
+def test_a_killed_run_ends_with_the_same_weights(
+    data_root: Path, tiny_recipe: MakeRecipe, tmp_path: Path
+) -> None:
+    recipe = recipe_from_dict(tiny_recipe(steps=6, dropout=0.3, auxiliary_classes=0))
+    train(recipe, data_root, tmp_path / "whole", silent)
+    with pytest.raises(KilledError):
+        train(recipe, data_root, tmp_path / "cut", killed_at(5))
+    assert read_checkpoint(tmp_path / "cut/last.pt")["step"] == 4
+    train(recipe, data_root, tmp_path / "cut", silent)
+    whole, cut = (read_checkpoint(tmp_path / name / "last.pt") for name in ("whole", "cut"))
+    assert whole["history"] == cut["history"]
+    for part in ("network", "average"):
+        for key, value in whole[part].items():
+            assert torch.equal(value, cut[part][key]), key
+
+
+def test_a_run_leaves_what_a_person_looks_at(
+    data_root: Path, tiny_recipe: MakeRecipe, tmp_path: Path
+) -> None:
+    run = train(recipe_from_dict(tiny_recipe(steps=2)), data_root, tmp_path, silent)
+    names = {p.name for p in tmp_path.iterdir()}
+    assert names == {"last.pt", "best.pt", "curve.json", "curve.png", "examples.png"}
+    assert run.history[0]["step"] == 2
+    network, recipe, _ = load_network(tmp_path / "best.pt")
+    assert recipe.name == "tiny"
+    assert not network.training
+
+
+def test_another_recipe_does_not_go_on(data_root: Path, tiny_recipe: MakeRecipe, tmp_path: Path) -> None:
+    train(recipe_from_dict(tiny_recipe(steps=2)), data_root, tmp_path, silent)
+    with pytest.raises(ConfigError, match="another recipe"):
+        train(recipe_from_dict(tiny_recipe(steps=4)), data_root, tmp_path, silent)
+
+
+def test_nothing_in_a_checkpoint_is_executed(tmp_path: Path) -> None:
+    class Evil:
+        def __reduce__(self) -> tuple[Any, ...]:
+            return (Path.touch, (tmp_path / "ran",))
+
+    (tmp_path / "evil.pt").write_bytes(pickle.dumps({"version": 1, "average": Evil()}))
+    torch.save({"version": 1, "average": Evil()}, tmp_path / "evil_zip.pt")
+    (tmp_path / "cut.pt").write_bytes((tmp_path / "evil_zip.pt").read_bytes()[:100])
+    torch.save({"version": 99}, tmp_path / "newer.pt")
+    for name in ("evil", "evil_zip", "cut", "newer"):
+        with pytest.raises(ModelError, match=f"{name}.pt"):
+            read_checkpoint(tmp_path / f"{name}.pt")
+    assert not (tmp_path / "ran").exists()
+    with pytest.raises(InputError, match="no such checkpoint"):
+        read_checkpoint(tmp_path / "none.pt")
+
+
+def test_two_processes_take_the_batch_in_turn(
+    data_root: Path, tiny_recipe: MakeRecipe, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recipe = recipe_from_dict(tiny_recipe())
+    drawn: list[list[int]] = []
+
+    def spy(sets: Any, recipe: Any, indices: Any, step: int) -> Any:
+        drawn.append(list(indices))
+        return draw_batch(sets, recipe, indices, step)
+
+    monkeypatch.setattr(loop, "draw_batch", spy)
+    monkeypatch.setattr(torch.distributed, "all_reduce", lambda gradient: gradient.mul_(2))
+    sets = load_photos(recipe, data_root, validation=False)
+    for rank in range(2):
+        run = start_run(recipe, torch.device("cpu"))
+        train_step(run, sets, make_codes(recipe), rank, 2)
+    assert drawn == [[0, 2], [1, 3]]
