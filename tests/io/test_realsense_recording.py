@@ -8,8 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from tests import bags
-from tests.bags import INFO, Event
 
 from swardmap.align import align_depth_to_color
 from swardmap.config import SourceConfig
@@ -18,6 +16,8 @@ from swardmap.geometry import Intrinsics, Pose
 from swardmap.io import ros_fields as rf
 from swardmap.io.bag_reader import appended_bytes
 from swardmap.io.rosbag import open_source
+from tests import bags
+from tests.bags import INFO, Event
 
 TRANSFORM = "geometry_msgs/msg/Transform"
 CAMERA = Intrinsics(24, 18, 20.0, 20.5, 11.3, 8.9)

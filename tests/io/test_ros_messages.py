@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy.spatial.transform import Rotation
-from tests import bags
 
 from swardmap.errors import InputError, InvalidValueError
 from swardmap.geometry import Intrinsics, Pose
@@ -19,6 +18,7 @@ from swardmap.grid import GridSpec
 from swardmap.io import ros_fields as rf
 from swardmap.io import ros_messages as rm
 from swardmap.io.ros_camera import calibration_from_camera_info
+from tests import bags
 
 STORES = {kind: bags.typestore(kind) for kind in bags.KINDS[:2]}
 RGB = np.random.default_rng(0).integers(0, 255, (4, 5, 3), dtype=np.uint8)

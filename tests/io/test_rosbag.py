@@ -23,6 +23,7 @@ from swardmap.io import ros_fields as rf
 from swardmap.io.rosbag import REASON_DAMAGED, REASON_POSE, REASON_TRANSFORM, open_source, recognises
 from tests import bags
 from tests.bags import COMPRESSED, IMAGE, INFO, KINDS, ODOMETRY, TF, Event, Kind
+from tests.io.contract import check_source
 
 MS = 1_000_000
 START_NS = 1_700_000_000_000_000_000
@@ -140,6 +141,17 @@ def test_frames_come_back_as_they_were_written(
         np.testing.assert_allclose(frame.T_map_camera.matrix, truth.matrix, atol=1e-9)
     again = [frame.stamp_ns for frame in source]  # from the beginning
     assert again == [frame.stamp_ns for frame in frames]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("settings_", [{}, {"start": 1, "stop": 9, "every": 3}])
+def test_keeps_the_contract_of_sources(tmp_path: Path, kind: Kind, settings_: dict[str, Any]) -> None:
+    lost = START_NS + (66 + 13) * MS  # a depth image, and the poses of the last images
+    events = [e for e in in_order(images(9), transforms(230)) if not (e[0] == lost and e[1] == DEPTH)]
+    bag = bags.write_bag(tmp_path, kind, events)
+    frames = check_source(lambda: open_source(bag, SourceConfig(**settings_)))
+    # map <- odom comes at 80 and 160 ms, so that later images have no pose
+    assert [(f.stamp_ns - START_NS) // MS for f in frames] == ([40] if settings_ else [7, 40, 106, 139])
 
 
 @pytest.mark.parametrize("kind", ["sqlite3", "mcap"])

@@ -27,6 +27,7 @@ class BagPlan:
         depth_unit_m: metres per unit of 16-bit depth.
         T_color_depth: where depth is seen from; None if it is in the pixels of the colour image already.
         poses: where poses come from; None if there are none.
+        images: of colour or of depth, whichever are fewer.
     """
 
     color: ImageTopic
@@ -36,6 +37,7 @@ class BagPlan:
     depth_unit_m: float
     T_color_depth: Pose | None
     poses: PosePlan | None
+    images: int
 
 
 def make_plan(bag: Bag, config: SourceConfig) -> BagPlan:
@@ -54,9 +56,15 @@ def make_plan(bag: Bag, config: SourceConfig) -> BagPlan:
     T_color_depth = _color_from_depth(bag, color, depth, static)
     coincide = np.array_equal(T_color_depth.matrix, np.eye(4))
     aligned = coincide and _same_pixels(color_camera.intrinsics, depth_camera.intrinsics)
-    poses = plan_poses(bag, config, camera_frame, static)
     return BagPlan(
-        color, depth, color_camera, depth_camera, unit_m, None if aligned else T_color_depth, poses
+        color=color,
+        depth=depth,
+        color_camera=color_camera,
+        depth_camera=depth_camera,
+        depth_unit_m=unit_m,
+        T_color_depth=None if aligned else T_color_depth,
+        poses=plan_poses(bag, config, camera_frame, static),
+        images=min(bag.topics[color.name].count, bag.topics[depth.name].count),
     )
 
 

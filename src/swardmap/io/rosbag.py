@@ -83,8 +83,9 @@ class RosbagSource:
 
     @property
     def frame_count(self) -> int | None:
-        """Not known before the images are paired."""
-        return None
+        """At most: images of the scarcer kind, less those not chosen; unpaired ones show as skipped."""
+        count = self._plan.images
+        return len(range(count)[self._config.start : self._config.stop : self._config.every])
 
     @property
     def label_set(self) -> LabelSet | None:
