@@ -9,6 +9,7 @@ from swardmap.cli.config import config
 from swardmap.cli.convert import convert
 from swardmap.cli.demo import demo
 from swardmap.cli.doctor import doctor
+from swardmap.cli.map import EXAMPLES as MAP_EXAMPLES
 from swardmap.cli.map import map_command
 from swardmap.errors import SwardmapError
 
@@ -37,7 +38,7 @@ def _top(
     """From RGB-D to an obstacle map a mowing robot can trust."""
 
 
-app.command("map")(map_command)
+app.command("map", epilog=MAP_EXAMPLES)(map_command)
 app.command("demo")(demo)
 app.command("convert")(convert)
 app.command("config")(config)

@@ -8,7 +8,7 @@ import typer
 
 from swardmap.cli.options import ConfigFile, Json, Overwrite, Progress, Settings, settings
 
-EPILOG = """Examples:
+EXAMPLES = """Examples:
 
   swardmap map recording/ -o out/
 

@@ -1,0 +1,5 @@
+"""`python -m swardmap` is `swardmap`."""
+
+from swardmap.cli import main
+
+main()
