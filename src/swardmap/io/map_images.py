@@ -59,6 +59,8 @@ def _decode_pgm(content: bytes, name: str) -> NDArray[np.uint8]:
         kind = np.dtype(np.uint8 if levels < 256 else ">u2")
         if len(content) - start < count * kind.itemsize:
             raise InputError(f"{name}: truncated: {width} x {height} pixels are not all there")
+        if levels == 255:  # as nearly all are
+            return np.frombuffer(content, np.uint8, count, start).reshape(height, width)
         values = np.frombuffer(content, kind, count, start).astype(np.int64)
     else:
         words = content[start:].split(maxsplit=count)[:count]
