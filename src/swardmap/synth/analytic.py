@@ -162,7 +162,7 @@ def garden_scene(seed: int = 0) -> Scene:
 
     bricks = Material((158, 92, 74), "bricks", 0.22)
     stone = Material((196, 190, 178), grain=0.1)
-    ball = ((214, 72, 48), (232, 196, 64), (70, 110, 200))[rng.integers(3)]
+    ball = ((214, 72, 48), (236, 148, 44), (70, 110, 200))[rng.integers(3)]
     solids: tuple[Solid, ...] = (
         Box((12.4, 0.0), (0.7, 13.0, 1.5), material=LEAVES),  # hedge behind
         Box((4.0, 5.6), (17.0, 0.7, 1.3), material=LEAVES),  # hedge to the left

@@ -26,7 +26,7 @@ class Material:
 
 
 GRAVEL = Material((168, 158, 142), "slabs", 0.16)
-LEAVES = Material((62, 72, 58), "leaves", 0.75)
+LEAVES = Material((70, 75, 64), "leaves", 0.75)  # dark yew: less green than any lawn
 WOOD = Material((142, 104, 70), "wood", 0.25)
 
 
