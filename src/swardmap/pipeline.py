@@ -7,6 +7,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from swardmap.cloud import crop_height
 from swardmap.config import Config, MountConfig
 from swardmap.costmap import Costmap, build_costmap
 from swardmap.errors import InputError, InvalidValueError
@@ -55,9 +56,10 @@ class StepResult:
     timings_ms: dict[str, float] = field(default_factory=dict)
 
     def cloud(self, config: Config) -> LabeledCloud:
-        """The filtered, labelled cloud of this frame in the map frame, for pictures and files."""
+        """The cloud the map was made of: filtered, labelled, in the map frame; for pictures and files."""
         cloud = filtered_cloud(self.frame, self.segmentation, config.cloud)
-        return cloud.transformed(Pose(self.T_map_camera.parent, cloud.frame_id, self.T_map_camera.matrix))
+        cloud = cloud.transformed(Pose(self.T_map_camera.parent, cloud.frame_id, self.T_map_camera.matrix))
+        return crop_height(cloud, config.cloud.min_height_m, config.cloud.max_height_m)
 
 
 class ObstacleMapper:

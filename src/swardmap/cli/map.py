@@ -8,13 +8,11 @@ import typer
 
 from swardmap.cli.options import ConfigFile, Json, Overwrite, Progress, Settings, settings
 
-EXAMPLES = """Examples:
-
+EXAMPLES = """\b
+Examples:
   swardmap map recording/ -o out/
-
   swardmap map drive.mcap -o out/ --segmenter lawn.onnx --resolution 0.1
-
-  swardmap map drive.bag -o out/ --set source.depth_topic=/camera/depth/image_raw
+  swardmap map drive.bag -o out/ --set source.depth_topic=/depth/image_raw
 """
 
 

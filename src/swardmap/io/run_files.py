@@ -56,7 +56,7 @@ class RunWriter:
             write_map(grid, self._folder / "map.yaml")
             write_costmap(costmap, self._folder / "costmap.yaml")
             if self._config.output.pictures:
-                write_bytes(self._folder / "map.png", encode_png(map_picture(grid)))
+                write_bytes(self._folder / "map.png", encode_png(map_picture(grid, costmap.costs)))
                 write_bytes(self._folder / "costmap.png", encode_png(costmap_picture(costmap)))
         write_text(self._folder / "summary.json", json.dumps(summary, indent=2) + "\n")
 
