@@ -1,6 +1,8 @@
 """The one-pass pairing against the definition, tried on all pairs at once."""
 
-from hypothesis import given
+from itertools import pairwise
+
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swardmap.io.pairing import COLOR, DEPTH, REASON_COLOR, REASON_DEPTH, REASON_ORDER, Pairer
@@ -18,36 +20,23 @@ def run(
 
 
 def neighbours(colors: list[int], depths: list[int], tolerance: int) -> list[tuple[int, int]]:
-    """Nothing between the two, and what is beside either is not nearer to it (on a tie: colour first)."""
+    """The definition, on all images at once: side by side in time, and no nearer partner on the other side.
+
+    Of two images at the same time the colour image stands first; of two gaps as large, the one that
+    begins with a colour image is the smaller.
+    """
+    line = sorted([(t, 0) for t in colors] + [(t, 1) for t in depths])
+    gaps = [(b[0] - a[0], a[1]) if a[1] != b[1] else (10**9, 0) for a, b in pairwise(line)]
     pairs = []
-    for c in colors:
-        for d in depths:
-            low, high = min(c, d), max(c, d)
-            between = [t for t in colors + depths if low < t < high]
-            # an image of both kinds at one end already is the nearer pair
-            doubled = c != d and (c in depths or d in colors)
-            before = [low - t for t in (colors if low == d else depths) if t < low]
-            after = [t - high for t in (depths if high == c else colors) if t > high]
-            # only what stands beside: nothing else comes closer from that side
-            beside_before = [low - t for t in colors + depths if t < low]
-            beside_after = [t - high for t in colors + depths if t > high]
-            gap = high - low
-            worse = 0.5 if d < c else 0.0  # depth first loses ties
-            rivals = [
-                min(sames)
-                for sames, near in ((before, beside_before), (after, beside_after))
-                if sames and min(sames) == min(near)
-            ]
-            if (
-                not between
-                and not doubled
-                and gap <= tolerance
-                and all(gap + worse < r + 0.25 for r in rivals)
-            ):
-                pairs.append((c, d))
+    for i, gap in enumerate(gaps):
+        others = gaps[max(i - 1, 0) : i] + gaps[i + 1 : i + 2]
+        if gap[0] <= tolerance and all(gap < other for other in others):
+            color, depth = sorted(line[i : i + 2], key=lambda image: image[1])
+            pairs.append((color[0], depth[0]))
     return pairs
 
 
+@settings(max_examples=300)
 @given(colors=stamps, depths=stamps, tolerance=st.integers(0, 60), data=st.data())
 def test_equals_the_definition_whatever_the_arrival(
     colors: list[int], depths: list[int], tolerance: int, data: st.DataObject

@@ -34,8 +34,8 @@ class Pairer(Generic[Item]):
     """Pairs two streams of images: neighbours in time, neither with a nearer neighbour on its other side.
 
     No image is used twice, pairs come in order of time, and no choice depends on how far one stream
-    runs ahead of the other. Of two depth images as near, the later is taken (of colour the earlier), so
-    that streams half a period apart still pair.
+    runs ahead of the other. At the same time the colour image counts as first. Of two depth images as
+    near, the later is taken (of colour the earlier), so that streams half a period apart still pair.
 
     Args:
         tolerance_ns: largest distance in time.
