@@ -17,7 +17,7 @@ except ImportError:  # the extra `train` is not installed
 
 
 def make_photo(seed: int, height: int = 72, width: int = 96) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """A lawn with fine texture, a smooth green box (no grass, though as green), a reddish person, sky."""
+    """A lawn with fine texture, smooth green boxes (no grass, though as green), a reddish person, sky."""
     rng = np.random.default_rng(seed)
     rgb = np.empty((height, width, 3))
     labels = np.zeros((height, width), np.uint8)
@@ -26,7 +26,7 @@ def make_photo(seed: int, height: int = 72, width: int = 96) -> tuple[NDArray[np
     texture = rng.normal(0, 28, (height - horizon, width, 1))
     rgb[horizon:] = np.array([80, 125, 50]) * rng.uniform(0.7, 1.2) + texture
     labels[horizon:] = 1
-    for color, class_id in (((84, 128, 54), 0), ((205, 90, 60), 2)):
+    for color, class_id in (*[((84, 128, 54), 0)] * 4, ((205, 90, 60), 2)):
         y, x = int(rng.integers(horizon, height - 22)), int(rng.integers(0, width - 22))
         rgb[y : y + 20, x : x + 20] = color
         labels[y : y + 20, x : x + 20] = class_id

@@ -27,8 +27,11 @@ def test_masks_become_class_indices(data_root: Path, tiny_recipe: MakeRecipe) ->
 
 
 def test_a_two_class_network_learns_a_person_as_obstacle(data_root: Path, tiny_recipe: MakeRecipe) -> None:
-    photo = one_photo(data_root, tiny_recipe(classes="grass-obstacle"))
-    assert set(np.unique(photo.codes)) == {0, 1}
+    recipe = recipe_from_dict(tiny_recipe(classes="grass-obstacle", activation="sigmoid"))
+    sets = load_photos(recipe, data_root, validation=False)
+    assert set(np.unique(sets[0].photos[0].codes)) == {0, 1}
+    for view in draw_batch(sets, recipe, range(30), step=0):  # nobody is pasted in
+        assert set(np.unique(view.codes)) <= {0, 1, VOID_ID}
 
 
 def test_foreign_ids_are_named_in_the_recipe(data_root: Path, tiny_recipe: MakeRecipe) -> None:

@@ -19,6 +19,9 @@ def export(
     size: Annotated[
         tuple[int, int] | None, typer.Option(help="Width and height of the input, if not the recipe's.")
     ] = None,
+    grass_bias: Annotated[
+        float, typer.Option(help="Added to grass's logit: less grass missed, more obstacles called grass.")
+    ] = 0.0,
     max_loss: Annotated[float, typer.Option(help="Points of grass IoU that INT8 may cost.")] = 0.5,
     as_json: Json = False,
 ) -> None:
@@ -29,7 +32,7 @@ def export(
     require("torch", "train")
     from swardmap.train.release import release
 
-    result = release(checkpoint, data, out, int8, images, size)
+    result = release(checkpoint, data, out, int8, images, size, grass_bias)
     if as_json:
         print(json.dumps(result, indent=2))
     else:

@@ -56,16 +56,17 @@ class Photo:
 
 @dataclass(eq=False)
 class PhotoSet:
-    """The photos of one DataConfig and how often each is drawn."""
+    """The photos of one DataConfig and how often each is drawn; `person` is the code of a person, if any."""
 
     config: DataConfig
     photos: list[Photo]
+    person: int | None
     chances: NDArray[np.float64] = field(init=False)
 
     def __post_init__(self) -> None:
         boost = np.ones(len(self.photos))
         for index, photo in enumerate(self.photos):
-            if (photo.codes == GRASS_OBSTACLE_PERSON["person"].id).mean() > 0.002:
+            if self.person is not None and (photo.codes == self.person).mean() > 0.002:
                 boost[index] = self.config.person_boost
         self.chances = boost / boost.sum()
 
@@ -90,6 +91,13 @@ def make_codes(recipe: Recipe) -> Codes:
     return Codes(sets, weights)
 
 
+def person_code(network: NetworkConfig) -> int | None:
+    """Code of a labelled person; None for a network that does not tell persons apart."""
+    roles = {c.id: c.role for c in network.label_set.classes}
+    indices = [i for i, class_id in enumerate(network.trained_ids) if roles[class_id] is Role.PERSON]
+    return indices[0] if indices else None
+
+
 def load_photos(recipe: Recipe, root: Path, validation: bool) -> list[PhotoSet]:
     """Read every image and mask of the recipe's training or validation sets into memory.
 
@@ -106,7 +114,7 @@ def load_photos(recipe: Recipe, root: Path, validation: bool) -> list[PhotoSet]:
             photos = [_load(path, config, number, recipe.network, root) for path in image_paths(config, root)]
         if not photos:
             raise InputError(f"data set {config.name}: no images in {root / config.folder}")
-        loaded.append(PhotoSet(config, photos))
+        loaded.append(PhotoSet(config, photos, person_code(recipe.network)))
     return loaded
 
 
@@ -153,9 +161,9 @@ def _draw(sets: Sequence[PhotoSet], recipe: Recipe, rng: np.random.Generator) ->
     strength = Strength()
     photo = _pick(sets, rng)
     view = _view(photo, size, strength, rng)
-    if rng.random() < recipe.schedule.paste_person:
-        donor = _view(_pick_person(sets, rng), size, strength, rng)
-        person = recipe.network.trained_ids.index(GRASS_OBSTACLE_PERSON["person"].id)
+    person = person_code(recipe.network)
+    if person is not None and rng.random() < recipe.schedule.paste_person:
+        donor = _view(_pick_person(sets, person, rng), size, strength, rng)
         image, codes = paste(view.image, view.codes, donor.image, donor.codes, person)
         fine = np.where(codes == view.codes, view.fine, VOID_ID).astype(np.uint8)
         view = Photo(image, codes, fine, view.stem)
@@ -175,9 +183,8 @@ def _pick(sets: Sequence[PhotoSet], rng: np.random.Generator) -> Photo:
     return chosen.photos[int(rng.choice(len(chosen.photos), p=chosen.chances))]
 
 
-def _pick_person(sets: Sequence[PhotoSet], rng: np.random.Generator) -> Photo:
+def _pick_person(sets: Sequence[PhotoSet], person: int, rng: np.random.Generator) -> Photo:
     """A photo with a clear person, or any photo if there is none."""
-    person = GRASS_OBSTACLE_PERSON["person"].id
     for _ in range(30):
         photo = _pick(sets, rng)
         if 0.02 < (photo.codes == person).mean() < 0.5:

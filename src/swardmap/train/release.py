@@ -5,10 +5,15 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+import torch
+
+from swardmap.labels import Role
+from swardmap.models.spec import NetworkSpec
 from swardmap.train.build import network_spec
 from swardmap.train.checkpoint import load_network
 from swardmap.train.data import Photo, load_photos
 from swardmap.train.export import check, export_onnx, fit_temperature, quantise, with_spec
+from swardmap.train.networks import DeepLabV3Plus
 
 
 def release(
@@ -18,6 +23,7 @@ def release(
     int8: bool = True,
     images: int = 64,
     size: tuple[int, int] | None = None,
+    grass_bias: float = 0.0,
 ) -> dict[str, Any]:
     """Write `out`, and say what it costs and how good it is on the recipe's validation data.
 
@@ -28,6 +34,8 @@ def release(
         int8: quantise, calibrated on training images.
         images: how many of those.
         size: width and height of the input, if not the recipe's.
+        grass_bias: added to the logit of classes that may be driven on, to trade grass missed for
+            obstacles called grass; choose it on validation data.
 
     Returns:
         Figures of both precisions, the INT8 loss in points of grass IoU, temperature, size.
@@ -37,7 +45,9 @@ def release(
     if size is not None:
         spec = replace(spec, width=size[0], height=size[1])
     sets = [{"name": d.name, "folder": d.folder, "weight": d.weight} for d in recipe.data if not d.validation]
-    spec = replace(spec, training={"recipe": recipe.name, "steps": state["step"], "data": sets})
+    training = {"recipe": recipe.name, "steps": state["step"], "data": sets, "grass_bias": grass_bias}
+    spec = replace(spec, training=training)
+    _add_bias(network, spec, grass_bias)
     plain = out.with_suffix(".float32.onnx") if int8 else out
     difference = export_onnx(network, spec, plain)
     held = [photo for s in load_photos(recipe, root, validation=True) for photo in s.photos]
@@ -57,6 +67,13 @@ def release(
     with_spec(out, temperature=temperature, metrics=metrics)
     result.update(temperature=temperature, bytes=out.stat().st_size, int8_loss_points=_loss(result))
     return result
+
+
+def _add_bias(network: DeepLabV3Plus, spec: NetworkSpec, bias: float) -> None:
+    roles = {c.id: c.role for c in spec.label_set.classes}
+    free = torch.tensor([roles[i] is Role.FREE for i in spec.channel_ids][-spec.channels :])
+    with torch.no_grad():
+        network.segmentation_head[0].bias[free] += bias
 
 
 def _spread(recipe: Any, root: Path, count: int) -> list[Photo]:
