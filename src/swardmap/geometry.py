@@ -1,5 +1,6 @@
 """Frames, poses and the pinhole camera. Conventions: docs/conventions.md (REP-103, REP-105, REP-118)."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -233,7 +234,7 @@ def rotation_from_quaternion(quaternion_xyzw: ArrayLike) -> Float64Array:
         InvalidValueError: if its length is not 1 within 1 % (an all-zero quaternion is a common fault).
     """
     q = np.asarray(quaternion_xyzw, np.float64)
-    length = float(np.linalg.norm(q))
+    length = math.hypot(*q.ravel())  # without the overflow warning of np.linalg.norm
     if q.shape != (4,) or not abs(length - 1.0) < 0.01:
         raise InvalidValueError(f"quaternion: expected four numbers of length 1, got {q}")
     x, y, z, w = q / length
