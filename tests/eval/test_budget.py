@@ -13,7 +13,6 @@ from swardmap.eval.budget import (
     budget_rows,
     missing_stages,
     noisy_pose,
-    with_depth_of,
 )
 from swardmap.eval.maps import compare_maps, dense, frame_map, true_segmentation
 from swardmap.geometry import Pose
@@ -182,7 +181,5 @@ def test_what_does_not_fit_is_refused() -> None:
     (other,) = AnalyticSource(SCENE, tuple(lane_poses(1)), SMALL.scaled_to(160, 120))
     with pytest.raises(InvalidValueError, match="clean depth"):
         RealAndTrue(frame, true_segmentation(frame), pose(frame), other)
-    with pytest.raises(InvalidValueError, match="clean depth"):
-        with_depth_of(frame, other)
     with pytest.raises(InvalidValueError, match="pose noise"):
         PoseNoise(-1)

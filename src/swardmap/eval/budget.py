@@ -6,7 +6,7 @@ of the pipeline; beside it each stage is switched alone, so that interactions sh
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -219,16 +219,3 @@ def _rotation(axis: int, angle_rad: float) -> "np.ndarray[tuple[int, int], np.dt
     matrix[i, i] = matrix[j, j] = np.cos(angle_rad)
     matrix[i, j], matrix[j, i] = -sign * np.sin(angle_rad), sign * np.sin(angle_rad)
     return matrix
-
-
-def with_depth_of(frame: Frame, clean: Frame) -> Frame:
-    """A frame with the depth of another recording of it.
-
-    Raises:
-        InvalidValueError: if the sizes differ.
-    """
-    if clean.depth.shape != frame.depth.shape:
-        raise InvalidValueError(
-            f"frame {frame.name}: expected clean depth of shape {frame.depth.shape}, got {clean.depth.shape}"
-        )
-    return replace(frame, depth=clean.depth, depth_unit_m=clean.depth_unit_m)

@@ -1,8 +1,9 @@
 """What a margin costs: the area a mower can still reach as obstacles are grown, by exact morphology."""
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -154,3 +155,45 @@ def _swept(free: NDArray[np.bool_], radius_cells: float, start: tuple[int, int] 
 
 def _around(centers: NDArray[np.bool_], limit: float) -> NDArray[np.bool_]:
     return squared_distance(centers) <= limit
+
+
+def margin_cost(
+    results: Mapping[str, Any], map_file: Path | None, work_area: Path | None, mower_width_m: float
+) -> dict[str, Any] | None:
+    """The curve of an evaluation: reachable share of a map against share of misses covered.
+
+    Args:
+        results: of the evaluation, with its margin curve.
+        map_file: map (YAML) of the garden; None = no curve.
+        work_area: polygon (YAML); None = the whole map.
+        mower_width_m: of the mower.
+
+    Returns:
+        Points at margins from 0 to 1 m and at the proven margin, or None without a map.
+    """
+    if map_file is None:
+        return None
+    from swardmap.io.map_files import read_map
+
+    grid = read_map(map_file)
+    x0, x1, y0, y1 = grid.spec.extent_m
+    whole = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)])
+    polygon = whole if work_area is None else read_work_area(work_area)
+    proven = results["margin"]["margin_m"]
+    margins = sorted({round(0.05 * i, 2) for i in range(21)} | ({proven} if proven is not None else set()))
+    curve = results["margin"]["curve"]
+    points = [
+        replace(point, covered=_covered(curve, point.margin_m))
+        for point in reachable_areas(grid, polygon, mower_width_m, margins)
+    ]
+    return {
+        "map": str(map_file),
+        "mower_width_m": mower_width_m,
+        "margin_m": proven,
+        "points": [asdict(point) for point in points],
+    }
+
+
+def _covered(curve: Sequence[Sequence[float]], margin_m: float) -> float | None:
+    reached = [share for distance, share in curve if distance <= margin_m + 1e-9]
+    return None if not curve else (reached[-1] if reached else 0.0)

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,8 +19,8 @@ from swardmap.roads import fused_grid, staged_grid
 from swardmap.types import Frame, Segmentation
 
 PROTOCOLS = ("dense", "paper")
-"""dense: the reference takes every valid pixel, unfiltered. paper: it takes the predicted map's filter
-and downsampling, so that both maps agree on what is unknown (Table 6)."""
+"""dense: the reference takes every valid pixel, unfiltered, of the clean depth where there is one. paper: it
+takes the predicted map's depth, filter and downsampling, so that both agree on what is unknown (Table 6)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,6 +70,7 @@ def compare_maps(
     return MapComparison(reference, predicted, misses, tally)
 
 
+@lru_cache(maxsize=32)  # building a configuration checks every setting
 def protocol_configs(config: Config, protocol: str) -> tuple[Config, Config]:
     """Settings of the reference map and of the predicted map.
 
@@ -88,12 +90,14 @@ def protocol_configs(config: Config, protocol: str) -> tuple[Config, Config]:
     raise InvalidValueError(f"expected a protocol of {', '.join(PROTOCOLS)}, got '{protocol}'")
 
 
+@lru_cache(maxsize=32)
 def dense(config: Config) -> Config:
     """Every valid pixel within the limits counts: no filter, and one point is enough for a cell."""
     cloud = replace(config.cloud, consistent_neighbours=0, voxel_m=0.0, outliers="none")
     return replace(config, cloud=cloud, grid=replace(config.grid, min_points=1))
 
 
+@lru_cache(maxsize=32)
 def at_resolution(config: Config, resolution_m: float) -> Config:
     """The same settings with cells of another size."""
     return replace(config, grid=replace(config.grid, resolution_m=resolution_m))
@@ -120,7 +124,12 @@ def frame_map(
 
 
 def compare_frame(
-    frame: Frame, segmentation: Segmentation, T_map_camera: Pose, config: Config, protocol: str = "dense"
+    frame: Frame,
+    segmentation: Segmentation,
+    T_map_camera: Pose,
+    config: Config,
+    protocol: str = "dense",
+    clean: Frame | None = None,
 ) -> MapComparison:
     """The map of one frame against its reference map.
 
@@ -130,12 +139,15 @@ def compare_frame(
         T_map_camera: pose of the camera.
         config: of the robot.
         protocol: see PROTOCOLS.
+        clean: the same frame with clean depth, which the dense reference is then made of; the paper's
+            reference takes the sensor's depth, as its annotated clouds do.
 
     Raises:
         InputError: if the frame has no labels.
     """
     of_reference, of_predicted = protocol_configs(config, protocol)
-    reference = frame_map(frame, true_segmentation(frame), T_map_camera, of_reference)
+    truth = clean if clean is not None and protocol == "dense" else frame
+    reference = frame_map(truth, true_segmentation(truth), T_map_camera, of_reference)
     predicted = frame_map(frame, segmentation, T_map_camera, of_predicted, reference.spec)
     return compare_maps(reference, predicted, T_map_camera.position_m[:2])
 

@@ -1,0 +1,165 @@
+"""`swardmap evaluate`: how far the maps of a data set can be trusted, and the margin that follows."""
+
+import json
+import shlex
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from swardmap.cli.options import ConfigFile, Json, Overwrite, Settings, settings
+
+EPILOG = """Examples:
+
+  swardmap evaluate EDEN/ -o out/ --segmenter lawn.onnx
+
+  swardmap evaluate recording/ -o out/ --segmenter truth --resolution 0.05 --unit sequence
+
+  swardmap evaluate analytic:scenes=4,frames=90 -o out/
+
+An interrupted run goes on where it was: give the same command again.
+"""
+
+
+def evaluate_command(
+    dataset: Annotated[
+        str, typer.Argument(help="Recording with true labels, or analytic:scenes=4,frames=25.")
+    ],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results; a run there is resumed.")],
+    kind: Annotated[
+        str | None, typer.Option("--format", help="Kind of recording, if it is not recognised.")
+    ] = None,
+    segmenter: Annotated[str | None, typer.Option(help="auto, colour, truth, or an .onnx file.")] = None,
+    clean: Annotated[
+        Path | None, typer.Option(help="The same recording with clean depth, for the error budget.")
+    ] = None,
+    masks: Annotated[
+        Path | None, typer.Option(help="True masks: CVAT, CamVid or COCO, named as the frames are.")
+    ] = None,
+    resolution: Annotated[
+        list[float] | None, typer.Option(help="Edge of a map cell in metres; repeatable, the first counts.")
+    ] = None,
+    protocol: Annotated[
+        list[str] | None, typer.Option(help="dense, paper; repeatable, the first counts.")
+    ] = None,
+    share: Annotated[float, typer.Option(help="Share of the missed cells the margin covers.")] = 0.99,
+    confidence: Annotated[float, typer.Option(help="Confidence of that.")] = 0.95,
+    unit: Annotated[
+        str, typer.Option(help="What is independent: frame, or a tag such as sequence.")
+    ] = "frame",
+    population: Annotated[
+        str, typer.Option(help="Missed cells to cover: found (of obstacles found in part), all.")
+    ] = "found",
+    pose_noise: Annotated[
+        tuple[float, float, float], typer.Option(help="Of the budget: metres, degrees yaw, degrees tilt.")
+    ] = (0.02, 0.5, 0.5),
+    budget: Annotated[bool, typer.Option("--budget/--no-budget", help="Run the error budget.")] = True,
+    map_file: Annotated[
+        Path | None, typer.Option("--map", help="Map (YAML) to show the cost of the margin on.")
+    ] = None,
+    work_area: Annotated[
+        Path | None, typer.Option(help="Polygon (YAML) of the work area on that map.")
+    ] = None,
+    mower_width: Annotated[float, typer.Option(help="Of the mower in metres, for the cost.")] = 0.5,
+    workers: Annotated[int | None, typer.Option(help="Processes; none = one a core.", min=1)] = None,
+    ray: Annotated[str | None, typer.Option(help="Address of a Ray cluster to use, or local.")] = None,
+    strict: Annotated[bool, typer.Option(help="Stop at a frame that cannot be evaluated.")] = False,
+    config: ConfigFile = None,
+    set_: Settings = None,
+    overwrite: Overwrite = False,
+    as_json: Json = False,
+) -> None:
+    """Compare maps with their truth: the paper's tables, d_min-obst, an error budget, a proven margin."""
+    flags = {"source.format": kind, "segmenter.name": segmenter}
+    named = [f"{key}={json.dumps(value)}" for key, value in flags.items() if value is not None]
+    chosen = settings(config, [*(set_ or []), *named])
+
+    from swardmap.eval.budget import PoseNoise
+    from swardmap.eval.cost import margin_cost
+    from swardmap.eval.dataset import DatasetSpec
+    from swardmap.eval.output import write_results
+    from swardmap.eval.report import report_html
+    from swardmap.eval.results import MarginOptions, results
+    from swardmap.eval.run import evaluate, make_plan
+
+    spec = DatasetSpec(dataset, chosen.source, str(clean) if clean else None, str(masks) if masks else None)
+    options: dict[str, Any] = {"pose_noise": PoseNoise(*pose_noise), "with_budget": budget}
+    if resolution:
+        options["resolutions_m"] = tuple(resolution)
+    if protocol:
+        options["protocols"] = tuple(protocol)
+    margin = MarginOptions(share, confidence, unit, population)
+    plan = make_plan(spec, chosen, **options)
+    with _Bar(quiet=as_json) as on_done:
+        records = evaluate(
+            plan, out, workers=workers, ray_address=ray, strict=strict, overwrite=overwrite, on_done=on_done
+        )
+    found = results(plan, records, margin, command="swardmap " + shlex.join(sys.argv[1:]))
+    found["cost"] = margin_cost(found, map_file, work_area, mower_width)
+    write_results(out, plan, records, found, report_html(plan, found))
+    print(json.dumps(found, allow_nan=False) if as_json else summary_text(found, out))
+
+
+def summary_text(found: dict[str, Any], out: Path) -> str:
+    """What a person wants to know after an evaluation, in a few lines."""
+    from swardmap.eval.tables import percent
+
+    frames, margin = found["frames"], found["margin"]
+    lines = [f"{frames['evaluated']} of {frames['total']} frames evaluated with '{found['segmenter']}'"]
+    lines += [f"  not evaluated: frame {bad['index']}: {bad['error']}" for bad in frames["unreadable"][:5]]
+    if len(frames["unreadable"]) > 5:
+        lines.append(f"  ... and {len(frames['unreadable']) - 5} more, see frames.csv")
+    if frames["evaluated"]:
+        section = found["maps"][found["main"]]["overall"]
+        cells, d_min, missed = section["cells"], section["d_min"]["all"], section["missed"]
+        called, free = cells["obstacle_called_free"], missed["called_free"]
+        rate = f"{percent(called['share'])} % ({called['count']} of {called['of']})"
+        lines += [
+            f"masks: accuracy {percent(found['masks']['overall']['accuracy'])} %",
+            f"maps ({found['main']}): obstacle cells called free: {rate}",
+            f"missed obstacles: {missed['missed']} of {missed['obstacles']}, {free} of them called free",
+        ]
+        if d_min["count"]:
+            lines.append(
+                f"d_min-obst: mean {d_min['mean_m']:.3f} m, 99 % {d_min['quantiles_m']['0.99']:.3f} m"
+            )
+    if margin["margin_m"] is None:
+        lines.append(f"no margin: {margin['reason']}")
+    else:
+        lines.append(f"margin: {margin['margin_m']:.3f} m, see {out / 'margin.yaml'}")
+    return "\n".join([*lines, f"report: {out / 'report.html'}"])
+
+
+class _Bar:
+    """A progress bar on a terminal, plain lines when not."""
+
+    def __init__(self, quiet: bool) -> None:
+        self._quiet, self._printed = quiet, -1
+        self._bar: Any = None
+
+    def __enter__(self) -> Any:
+        return self._show
+
+    def __exit__(self, *_: object) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def _show(self, done: int, total: int) -> None:
+        if self._quiet:
+            return
+        if not sys.stderr.isatty():
+            tenth = 10 * done // total
+            if tenth > self._printed:
+                print(f"evaluated {done} of {total} frames", file=sys.stderr)
+                self._printed = tenth
+            return
+        if self._bar is None:
+            from rich.console import Console
+            from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+            columns = (TextColumn("evaluating"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+            self._bar = Progress(*columns, console=Console(stderr=True))
+            self._bar.start()
+            self._task = self._bar.add_task("frames", total=total)
+        self._bar.update(self._task, completed=done)

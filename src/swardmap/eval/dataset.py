@@ -1,0 +1,189 @@
+"""The frames of an evaluation, numbered, so that any part of them can be read by any process.
+
+Every index has exactly one outcome: a frame, or the reason why there is none.
+"""
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, field, replace
+from functools import lru_cache
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from swardmap.config import SourceConfig
+from swardmap.errors import InputError, SwardmapError
+from swardmap.eval.gardens import AnalyticGardens, is_analytic
+from swardmap.io import FrameSource, open_source
+from swardmap.types import Frame
+
+if TYPE_CHECKING:
+    from swardmap.io.masks import Masks
+
+
+@dataclass(frozen=True, slots=True)
+class DatasetSpec:
+    """Which frames to evaluate; plain data, so that it can travel to other machines.
+
+    Attributes:
+        location: a recording, or `analytic:scenes=4,frames=25,noise=1,seed=0,width=640`.
+        source: how to read it.
+        clean: a second recording of the same frames with clean depth; None if there is none.
+        masks: masks of an annotation tool, by frame name, for recordings without labels.
+    """
+
+    location: str
+    source: SourceConfig = field(default_factory=SourceConfig)
+    clean: str | None = None
+    masks: str | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain strings and numbers."""
+        return asdict(self)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Numbered:
+    """One index of a dataset: the frame, or why there is none.
+
+    Attributes:
+        index: 0-based, in the order of the dataset.
+        frame: with true labels; None if it cannot be used.
+        clean: the same frame with clean depth, if the dataset has it.
+        error: why there is no frame; empty otherwise.
+    """
+
+    index: int
+    frame: Frame | None
+    clean: Frame | None = None
+    error: str = ""
+
+
+def open_dataset(spec: DatasetSpec) -> FrameSource:
+    """Open the recording itself, to ask for its name, its classes and its first frame."""
+    if is_analytic(spec.location):
+        return AnalyticGardens(spec.location, spec.source)
+    return open_source(spec.location, spec.source)
+
+
+def count_frames(spec: DatasetSpec) -> int:
+    """Number of indices of a dataset; reads it through where the source cannot tell."""
+    source = open_dataset(spec)
+    count = source.frame_count
+    if count is None:
+        count = sum(1 for _ in source)
+    return count
+
+
+def read_frames(spec: DatasetSpec, start: int, stop: int) -> Iterator[Numbered]:
+    """The frames start..stop-1 of a dataset, each index once.
+
+    A frame that cannot be read, or that the source leaves out, comes as its reason. Sources whose length is
+    not known (ROS bags) are read from the beginning.
+    """
+    if open_dataset(spec).frame_count is None:
+        yield from _streamed(spec, start, stop)
+        return
+    frames = _listed(_part(spec, start, stop))
+    cleans = _listed(_clean_spec(_part(spec, start, stop))) if spec.clean else None
+    if len(frames) == stop - start and (cleans is None or len(cleans) == stop - start):
+        for i, frame in enumerate(frames):
+            yield _with_truth(spec, start + i, frame, cleans[i] if cleans else None)
+        return
+    for index in range(start, stop):  # one of them is bad: find out which
+        yield _single(spec, index)
+
+
+def _listed(spec: DatasetSpec) -> list[Frame]:
+    """All frames of a part, or as many as there were before the first bad one."""
+    frames = []
+    try:
+        for frame in open_dataset(spec):
+            frames.append(frame)  # noqa: PERF402 - those before an error are kept
+    except SwardmapError:
+        pass
+    return frames
+
+
+def _streamed(spec: DatasetSpec, start: int, stop: int) -> Iterator[Numbered]:
+    index = start
+    for frame in islice(open_dataset(spec), start, stop):
+        yield _with_truth(spec, index, frame, None)
+        index += 1
+    for missing in range(index, stop):
+        yield Numbered(missing, None, error="the recording ended before this frame")
+
+
+def _single(spec: DatasetSpec, index: int) -> Numbered:
+    try:
+        frame = _only_frame(_part(spec, index, index + 1))
+        clean = _only_frame(_clean_spec(_part(spec, index, index + 1))) if spec.clean else None
+    except SwardmapError as error:
+        return Numbered(index, None, error=str(error))
+    return _with_truth(spec, index, frame, clean)
+
+
+def _only_frame(spec: DatasetSpec) -> Frame:
+    source = open_dataset(spec)
+    frame = next(iter(source), None)
+    if frame is None:
+        reasons = ", ".join(reason for reason, n in source.skipped.items() if n)
+        raise InputError(f"{spec.location}: left out by the source: {reasons or 'no reason given'}")
+    return frame
+
+
+def _with_truth(spec: DatasetSpec, index: int, frame: Frame, clean: Frame | None) -> Numbered:
+    """Add labels and clean depth that lie beside the recording."""
+    try:
+        if spec.masks is not None:
+            frame = _with_mask(frame, spec.masks)
+        if frame.labels is None:
+            raise InputError(f"frame {frame.name or index}: expected true labels, got none")
+        if is_analytic(spec.location):
+            clean = AnalyticGardens(spec.location, spec.source).clean_frame(index)
+        elif clean is not None:
+            clean = _same_frame(frame, clean, spec.clean or "")
+        return Numbered(index, frame, clean)
+    except SwardmapError as error:
+        return Numbered(index, None, error=str(error))
+
+
+def _with_mask(frame: Frame, location: str) -> Frame:
+    masks = _masks(location)
+    if frame.name not in masks:
+        raise InputError(f"frame {frame.name}: no mask of that name in {location}")
+    return replace(frame, labels=masks[frame.name], label_set=masks.label_set)
+
+
+@lru_cache(maxsize=2)
+def _masks(location: str) -> "Masks":
+    from swardmap.io.annotation_files import read_masks
+
+    return read_masks(location)
+
+
+def _same_frame(frame: Frame, clean: Frame, where: str) -> Frame:
+    """The frame with the clean depth, if that is of the same frame."""
+    if clean.name != frame.name or clean.depth.shape != frame.depth.shape:
+        raise InputError(
+            f"{where}: expected clean depth of frame '{frame.name}' and of shape {frame.depth.shape}, "
+            f"got '{clean.name}' of shape {clean.depth.shape}"
+        )
+    return replace(frame, depth=clean.depth, depth_unit_m=clean.depth_unit_m)
+
+
+def _clean_spec(spec: DatasetSpec) -> DatasetSpec:
+    return replace(spec, location=spec.clean or spec.location, clean=None)
+
+
+def _part(spec: DatasetSpec, start: int, stop: int) -> DatasetSpec:
+    """The same dataset, from one index up to another."""
+    config = spec.source
+    first = config.start + start * config.every
+    last = config.start + (stop - 1) * config.every + 1
+    last = last if config.stop is None else min(last, config.stop)
+    return replace(spec, source=replace(config, start=first, stop=last))
+
+
+def dataset_name(location: str) -> str:
+    """What a report calls a dataset."""
+    return "the built-in gardens" if is_analytic(location) else Path(location).resolve().name

@@ -1,0 +1,216 @@
+"""One frame evaluated: all that a report needs of it, as plain data that can be stored and added up."""
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from functools import lru_cache
+from hashlib import sha256
+from typing import Any
+
+import numpy as np
+
+from swardmap import __version__
+from swardmap.config import Config, SegmenterConfig, config_from_dict, config_to_dict
+from swardmap.errors import InputError, SwardmapError
+from swardmap.eval.budget import PoseNoise, RealAndTrue, budget, noisy_pose
+from swardmap.eval.confusion import aligned_masks, confusion_of_masks
+from swardmap.eval.dataset import DatasetSpec, Numbered, read_frames
+from swardmap.eval.maps import PROTOCOLS, MapComparison, at_resolution, compare_frame
+from swardmap.geometry import Pose
+from swardmap.labels import LabelSet
+from swardmap.models import build_segmenter
+from swardmap.pipeline import Segmenter
+from swardmap.types import Frame, Segmentation
+
+FORMAT = 1
+"""Raised when records change their meaning: shards of another format are not taken up again."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is to be evaluated, and how: all that the numbers depend on.
+
+    Attributes:
+        dataset: the frames.
+        config: of the robot: segmenter, filters, resolution.
+        resolutions_m: of the maps; the first is that of the margin, the budget and the gallery.
+        protocols: see `maps.PROTOCOLS`.
+        pose_noise: of the budget's last rung.
+        with_budget: run the budget.
+        seed: of the pose noise and of every bootstrap.
+        T_base_camera: mount for frames without pose: 16 numbers, row by row.
+    """
+
+    dataset: DatasetSpec
+    config: Config = field(default_factory=Config)
+    resolutions_m: tuple[float, ...] = (0.05, 0.1)
+    protocols: tuple[str, ...] = PROTOCOLS
+    pose_noise: PoseNoise = field(default_factory=PoseNoise)
+    with_budget: bool = True
+    seed: int = 0
+    T_base_camera: tuple[float, ...] | None = None
+
+    def to_json(self) -> str:
+        """The plan as text; the same plan gives the same bytes."""
+        plain = asdict(self) | {
+            "config": config_to_dict(self.config),
+            "format": FORMAT,
+            "version": __version__,
+        }
+        return stable_text(plain)
+
+    @classmethod
+    def from_json(cls, text: str) -> "Plan":
+        """What `to_json` gave."""
+        from swardmap.config import SourceConfig
+
+        plain = json.loads(text)
+        dataset = plain["dataset"] | {"source": SourceConfig(**plain["dataset"]["source"])}
+        mount = plain["T_base_camera"]
+        return cls(
+            dataset=DatasetSpec(**dataset),
+            config=config_from_dict(plain["config"]),
+            resolutions_m=tuple(plain["resolutions_m"]),
+            protocols=tuple(plain["protocols"]),
+            pose_noise=PoseNoise(**plain["pose_noise"]),
+            with_budget=plain["with_budget"],
+            seed=plain["seed"],
+            T_base_camera=None if mount is None else tuple(mount),
+        )
+
+    @property
+    def fingerprint(self) -> str:
+        """Tells plans apart: results of different plans are never mixed."""
+        return sha256(self.to_json().encode()).hexdigest()[:16]
+
+    @property
+    def main(self) -> str:
+        """Key of the maps that the margin, the budget and the gallery are about."""
+        return map_key(self.protocols[0], self.resolutions_m[0])
+
+
+def map_key(protocol: str, resolution_m: float) -> str:
+    """Name of one kind of map in records and results.
+
+    >>> map_key("dense", 0.05)
+    'dense@0.05'
+    """
+    return f"{protocol}@{resolution_m:g}"
+
+
+def split_key(key: str) -> tuple[str, float]:
+    """Protocol and resolution of a `map_key`."""
+    protocol, _, resolution = key.partition("@")
+    return protocol, float(resolution)
+
+
+def evaluate_part(plan: Plan, start: int, stop: int) -> str:
+    """Records of the frames start..stop-1, one line of JSON each; the same wherever and whenever it runs."""
+    return "".join(stable_text(record) + "\n" for record in records(plan, start, stop))
+
+
+def records(plan: Plan, start: int, stop: int) -> Iterator[dict[str, Any]]:
+    """Evaluate the frames start..stop-1, each index once."""
+    for numbered in read_frames(plan.dataset, start, stop):
+        if numbered.frame is None:
+            yield {"index": numbered.index, "error": numbered.error}
+            continue
+        try:
+            yield evaluate_frame(plan, numbered, segmenter_of(plan, numbered.frame.label_set))
+        except SwardmapError as error:
+            yield {
+                "index": numbered.index,
+                "error": f"frame {numbered.frame.name or numbered.index}: {error}",
+            }
+
+
+def evaluate_frame(plan: Plan, numbered: Numbered, segmenter: Segmenter) -> dict[str, Any]:
+    """Everything that is counted of one frame, as plain data."""
+    frame = numbered.frame
+    if frame is None or frame.labels is None or frame.label_set is None:
+        raise InputError(f"frame {numbered.index}: expected a frame with true labels, got none")
+    segmentation = segmenter(frame).confident(plan.config.segmenter.min_confidence)
+    truth, called = aligned_masks(frame.labels, frame.label_set, segmentation)
+    pose = pose_of(plan, frame)
+    maps, missed = {}, []
+    for protocol in plan.protocols:
+        for resolution_m in plan.resolutions_m:
+            config = at_resolution(plan.config, resolution_m)
+            found = compare_frame(frame, segmentation, pose, config, protocol, numbered.clean)
+            key = map_key(protocol, resolution_m)
+            maps[key] = found.tally.to_dict()
+            if key == plan.main:
+                missed = _places(found)
+    return {
+        "index": numbered.index,
+        "name": frame.name,
+        "tags": {str(k): str(v) for k, v in sorted(frame.tags.items())},
+        "mask": confusion_of_masks(truth, called, segmentation.label_set).to_dict(),
+        "maps": maps,
+        "missed": missed,
+        "budget": _budget(plan, numbered, frame, segmentation, pose) if plan.with_budget else {},
+    }
+
+
+def compare_again(
+    plan: Plan, frame: Frame, clean: Frame | None, segmenter: Segmenter
+) -> tuple[Segmentation, MapComparison]:
+    """The main comparison of a frame once more, for pictures."""
+    segmentation = segmenter(frame).confident(plan.config.segmenter.min_confidence)
+    config = at_resolution(plan.config, plan.resolutions_m[0])
+    pose, protocol = pose_of(plan, frame), plan.protocols[0]
+    return segmentation, compare_frame(frame, segmentation, pose, config, protocol, clean)
+
+
+def pose_of(plan: Plan, frame: Frame) -> Pose:
+    """Pose of a frame, or the mount where it has none.
+
+    Raises:
+        InputError: if neither is known.
+    """
+    if frame.T_map_camera is not None:
+        return frame.T_map_camera
+    if plan.T_base_camera is None:
+        raise InputError("it has no pose, and the mount is not known: set mount.height_m and mount.pitch_deg")
+    return Pose("base", "camera", np.array(plan.T_base_camera).reshape(4, 4))
+
+
+def segmenter_of(plan: Plan, label_set: LabelSet | None) -> Segmenter:
+    """The segmenter of a plan, made once in each process."""
+    return _segmenter(plan.config.segmenter, label_set)
+
+
+@lru_cache(maxsize=2)
+def _segmenter(config: SegmenterConfig, label_set: LabelSet | None) -> Segmenter:
+    return build_segmenter(config, label_set)
+
+
+def _budget(
+    plan: Plan, numbered: Numbered, frame: Frame, segmentation: Segmentation, pose: Pose
+) -> dict[str, Any]:
+    noise = plan.pose_noise
+    moves = noise != replace(noise, xy_m=0, yaw_deg=0, tilt_deg=0)
+    real = noisy_pose(pose, noise, plan.seed, numbered.index) if moves else None
+    sides = RealAndTrue(frame, segmentation, pose, numbered.clean, real)
+    tallies = budget(sides, at_resolution(plan.config, plan.resolutions_m[0]))
+    return {rung: tally.to_dict() for rung, tally in tallies.items()}
+
+
+def _places(found: MapComparison) -> list[dict[str, Any]]:
+    """The missed obstacles of a map with size and place in metres."""
+    spec = found.reference.spec
+    (x, y), r = spec.origin_m, spec.resolution_m
+    return [
+        {
+            "cells": m.cells,
+            "called_free": m.called_free,
+            "person": m.person,
+            "xy_m": [round(x + m.center[0] * r, 4), round(y + m.center[1] * r, 4)],
+        }
+        for m in found.misses.missed
+    ]
+
+
+def stable_text(value: Mapping[str, Any]) -> str:
+    """JSON with sorted keys and no spaces: the same value gives the same bytes."""
+    return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)

@@ -1,0 +1,287 @@
+"""From the records of the frames to everything a report says, as plain data in a fixed order."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from swardmap import __version__
+from swardmap.eval.budget import budget_rows, missing_stages
+from swardmap.eval.confusion import ConfusionMatrix, Share
+from swardmap.eval.distances import DistanceHistogram, DistanceSummary
+from swardmap.eval.frame import Plan, split_key
+from swardmap.eval.margin import POPULATIONS, Claim, measure_margin, unit_misses
+from swardmap.eval.margin_file import margin_of, statement_of
+from swardmap.eval.tally import RANGE_BANDS_M, MapTally, total_of
+
+Record = Mapping[str, Any]
+
+MOST_GROUPS = 60
+"""A tag with more values than this is a name, not a group."""
+
+JOINED = {"unknown": ["unknown"], "obstacle": ["obstacle", "person"], "grass": ["grass"]}
+"""Classes of Tables 6, 8 and 9: a person is an obstacle."""
+
+
+@dataclass(frozen=True, slots=True)
+class MarginOptions:
+    """What the margin shall promise.
+
+    Attributes:
+        share: of the missed cells of a unit, on average.
+        confidence: of the promise.
+        unit: `frame`, or a tag whose values are independent, such as `sequence`.
+        population: see `margin.POPULATIONS`.
+    """
+
+    share: float = 0.99
+    confidence: float = 0.95
+    unit: str = "frame"
+    population: str = "found"
+
+
+def results(
+    plan: Plan, records: Sequence[Record], margin: MarginOptions | None = None, command: str = ""
+) -> dict[str, Any]:
+    """Everything that is known after an evaluation.
+
+    Args:
+        plan: that the records are of.
+        records: of all frames, in order.
+        margin: what the margin shall promise.
+        command: that made the run, for the record.
+    """
+    margin = margin or MarginOptions()
+    good = [r for r in records if "error" not in r]
+    groups = groups_of(good)
+    return {
+        "swardmap": __version__,
+        "fingerprint": plan.fingerprint,
+        "command": command,
+        "dataset": plan.dataset.location,
+        "segmenter": plan.config.segmenter.name,
+        "main": plan.main,
+        "frames": {
+            "total": len(records),
+            "evaluated": len(good),
+            "unreadable": [{"index": r["index"], "error": r["error"]} for r in records if "error" in r],
+        },
+        "masks": _grouped(good, groups, lambda rs: mask_section(mask_total(rs)) if rs else None),
+        "maps": {
+            key: _grouped(good, groups, lambda rs, key=key: map_section(map_total(rs, key)))  # type: ignore[misc]
+            for key in (good[0]["maps"] if good else ())
+        },
+        "budget": _budget_section(plan, good),
+        "margin": margin_section(plan, good, margin),
+        "worst": [r["index"] for r in worst_first(good, plan.main)[:24]],
+    }
+
+
+def groups_of(records: Sequence[Record]) -> dict[str, dict[str, list[Record]]]:
+    """Records by tag and value, for tags with few values; in the order of tags and values."""
+    tags = sorted({tag for r in records for tag in r["tags"]})
+    groups: dict[str, dict[str, list[Record]]] = {}
+    for tag in tags:
+        values: dict[str, list[Record]] = {}
+        for record in records:
+            if tag in record["tags"]:
+                values.setdefault(record["tags"][tag], []).append(record)
+        if len(values) <= MOST_GROUPS:
+            groups[tag] = dict(sorted(values.items()))
+    return groups
+
+
+def mask_total(records: Sequence[Record]) -> ConfusionMatrix:
+    """The sum of the masks' matrices."""
+    matrices = [ConfusionMatrix.from_dict(r["mask"]) for r in records]
+    return sum(matrices[1:], matrices[0])
+
+
+def map_total(records: Iterable[Record], key: str) -> MapTally:
+    """The sum of the tallies of one kind of map."""
+    _, resolution_m = split_key(key)
+    return total_of([MapTally.from_dict(r["maps"][key], resolution_m) for r in records], resolution_m)
+
+
+def mask_section(matrix: ConfusionMatrix) -> dict[str, Any]:
+    """Scores of a matrix, with the safety rates and the counts themselves."""
+    return {
+        "accuracy": matrix.accuracy,
+        "counted": matrix.total,
+        "classes": [asdict(scores) for scores in matrix.all_scores()],
+        "obstacle_called_free": share(matrix.obstacle_called_free),
+        "person_called_free": share(matrix.person_called_free),
+        "free_called_obstacle": share(matrix.free_called_obstacle),
+        "obstacle_not_seen": share(matrix.obstacle_not_seen),
+        "matrix": matrix.to_dict(),
+    }
+
+
+def map_section(tally: MapTally) -> dict[str, Any]:
+    """Scores of maps, d_min-obst in all its splits, and what was missed as a whole."""
+    histogram = tally.distances()
+    bands = [*RANGE_BANDS_M[1:], None]
+    return {
+        "frames": tally.frames,
+        "frames_with_misses": tally.frames_with_misses,
+        "frames_without_hit": tally.frames_without_hit,
+        "cells": mask_section(tally.matrix),
+        "joined": mask_section(tally.matrix.merged(JOINED)),
+        "d_min": {
+            "all": summary(histogram.summary()),
+            "obstacle": summary(tally.distances(person=False).summary()),
+            "person": summary(tally.distances(person=True).summary()),
+            "obstacles_found_in_part": summary(tally.distances(found=True).summary()),
+            "by_range_m": [
+                {"from": low, "to": high, **summary(tally.distances(band=i).summary())}
+                for i, (low, high) in enumerate(zip(RANGE_BANDS_M, bands, strict=True))
+            ],
+            "without_hit": tally.misses_without_hit,
+            "histogram": histogram.to_dict(),
+        },
+        "missed": {
+            "obstacles": tally.obstacles,
+            "missed": tally.missed_obstacles,
+            "called_free": tally.missed_called_free,
+            "persons": sum(n for kind, n in tally.missed.items() if kind.person),
+            "cells": sum(kind.cells * n for kind, n in tally.missed.items()),
+            "largest_cells": max((kind.cells for kind in tally.missed), default=None),
+            "by_size": _by_size(tally),
+        },
+    }
+
+
+def _by_size(tally: MapTally) -> list[dict[str, Any]]:
+    """Missed obstacles by size in cells: single cells are often noise of the reference, large ones never."""
+    edges = [1, 2, 4, 10, 30]
+    rows = []
+    for low, high in zip(edges, [*edges[1:], None], strict=True):
+        kinds = {k: n for k, n in tally.missed.items() if k.cells >= low and (high is None or k.cells < high)}
+        free = sum(n for kind, n in kinds.items() if kind.called_free)
+        rows.append({"from": low, "below": high, "missed": sum(kinds.values()), "called_free": free})
+    return rows
+
+
+def margin_section(plan: Plan, records: Sequence[Record], options: MarginOptions) -> dict[str, Any]:
+    """The chosen claim, those beside it, and the margin that follows; or why there is none."""
+    _, resolution_m = split_key(plan.main)
+    tallies = [(r, MapTally.from_dict(r["maps"][plan.main], resolution_m)) for r in records]
+
+    def claim(unit: str, population: str, cells: str) -> Claim:
+        named = [(_unit_name(r, unit), tally) for r, tally in tallies]
+        units = unit_misses(named, population, cells)
+        return measure_margin(
+            units, resolution_m, options.share, options.confidence,
+            cells=cells, population=population, unit=unit, seed=plan.seed,
+        )  # fmt: skip
+
+    tags = {tag for r in records for tag in r["tags"]}
+    others = [tag for tag in ("sequence", "scene") if tag in tags][:1]
+    wanted = list(dict.fromkeys([options.unit, "frame", *others]))
+    claims = {
+        (unit, population, cells): claim(unit, population, cells)
+        for unit in wanted
+        for population in POPULATIONS
+        for cells in ("all", "person")
+    }
+    chosen = claims[options.unit, options.population, "all"]
+    person = claims[options.unit, options.population, "person"]
+    margin = margin_of(chosen, person)
+    total = total_of([tally for _, tally in tallies], resolution_m)
+    where = f"{plan.dataset.location}, segmenter {plan.config.segmenter.name}, maps {plan.main}"
+    not_covered = not_covered_text(total)
+    return {
+        "options": asdict(options),
+        "margin_m": None if margin is None else margin.margin_m,
+        "person_margin_m": None if margin is None else margin.person_margin_m,
+        "reason": chosen.reason,
+        "statement": statement_of(chosen, person, not_covered, where),
+        "not_covered": not_covered,
+        "claims": [asdict(c) for c in claims.values()],
+        "curve": margin_curve(total.distances(found=True if options.population == "found" else None)),
+    }
+
+
+def not_covered_text(total: MapTally) -> str:
+    """What no margin covers, in words."""
+    return (
+        f"Not covered by any margin: obstacles of which nothing was found, here {total.missed_obstacles} of "
+        f"{total.obstacles} ({total.missed_called_free} of them called free, the rest not seen), and the "
+        f"{total.misses_without_hit} missed cells of {total.frames_without_hit} frames with nothing found."
+    )
+
+
+def margin_curve(histogram: DistanceHistogram) -> list[list[float]]:
+    """(margin in metres, share of the missed cells within it) at every distance that occurs."""
+    points, covered = [], 0
+    for squared, n in histogram.counts.items():
+        covered += n
+        points.append([histogram.distance_m(squared), covered / histogram.count])
+    return points
+
+
+def worst_first(records: Sequence[Record], key: str) -> list[Record]:
+    """Frames with most at stake first: nothing found, persons or obstacles missed, then by distance."""
+
+    def stake(record: Record) -> tuple[float, ...]:
+        tally = MapTally.from_dict(record["maps"][key], split_key(key)[1])
+        free = [m for m in record["missed"] if m["called_free"]]
+        longest = tally.distances().summary().max_m or 0.0
+        return (
+            -tally.frames_without_hit,
+            -sum(m["called_free"] for m in free if m["person"]),
+            -sum(m["called_free"] for m in free),
+            -longest,
+            record["index"],
+        )
+
+    return sorted(records, key=stake)
+
+
+def share(value: Share) -> dict[str, Any]:
+    """A share with its count."""
+    return {"share": value.value, "count": value.count, "of": value.of}
+
+
+def summary(value: DistanceSummary) -> dict[str, Any]:
+    """A summary with its quantiles by name."""
+    plain = asdict(value)
+    plain["quantiles_m"] = {f"{q:g}": v for q, v in value.quantiles_m.items()}
+    return plain
+
+
+def _budget_section(plan: Plan, records: Sequence[Record]) -> dict[str, Any]:
+    if not plan.with_budget:
+        return {"rows": [], "not_run": {"all": "the budget was switched off"}}
+    rungs = list(records[0]["budget"]) if records else []
+    _, resolution_m = split_key(plan.main)
+    totals = {
+        rung: total_of([MapTally.from_dict(r["budget"][rung], resolution_m) for r in records], resolution_m)
+        for rung in rungs
+    }
+    rows = []
+    for row in budget_rows(totals):
+        plain = asdict(row)
+        for name in ("called_free", "not_seen", "false_alarm"):
+            plain[name] = share(getattr(row, name))
+        rows.append(plain | {"d_min": summary(row.d_min)})
+    has_pose = np.any([plan.pose_noise.xy_m, plan.pose_noise.yaw_deg, plan.pose_noise.tilt_deg])
+    return {"rows": rows, "not_run": missing_stages("depth alone" in rungs, bool(has_pose))}
+
+
+def _unit_name(record: Record, unit: str) -> str:
+    if unit == "frame":
+        return f"{record['index']:09d}"
+    return str(record["tags"].get(unit, ""))
+
+
+def _grouped(
+    records: Sequence[Record],
+    groups: Mapping[str, Mapping[str, Sequence[Record]]],
+    section: Callable[[Sequence[Record]], Any],
+) -> dict[str, Any]:
+    return {
+        "overall": section(records),
+        "by": {tag: {value: section(rs) for value, rs in values.items()} for tag, values in groups.items()},
+    }
