@@ -9,19 +9,19 @@ import torch
 from swardmap.errors import ModelError
 from swardmap.models.onnx import OnnxSegmenter
 from swardmap.train.build import build_network, network_spec
+from swardmap.train.check import check, reliability_bins
 from swardmap.train.data import Photo, load_photos
 from swardmap.train.export import (
-    check,
     export_onnx,
     fit_temperature,
     quantise,
     read_spec,
-    reliability_bins,
     with_spec,
 )
 from swardmap.train.recipe import Recipe, recipe_from_dict
 
 pytest.importorskip("onnxscript", reason="export needs the package onnxscript")
+pytestmark = pytest.mark.slow  # the exporter alone takes seconds to import
 
 MakeRecipe = Callable[..., dict[str, Any]]
 

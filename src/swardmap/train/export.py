@@ -7,7 +7,7 @@ signed activations take twice as long. The metadata travels inside the file.
 import os
 import warnings
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,37 +16,17 @@ import torch
 from numpy.typing import NDArray
 
 from swardmap.errors import ModelError, require
-from swardmap.models.onnx import OnnxSegmenter, preprocess
+from swardmap.models.onnx import preprocess
 from swardmap.models.spec import METADATA_KEY, NetworkSpec
 from swardmap.train.augment import Image
 from swardmap.train.data import Photo
 from swardmap.train.networks import DeepLabV3Plus
-from swardmap.train.score import Score
-from swardmap.types import Segmentation, nearest_indices
+from swardmap.types import nearest_indices
 
 OPSET = 18
 INPUT, OUTPUT = "image", "logits"
 AGREEMENT = 1e-2
 """Largest difference of logits, torch against ONNX Runtime in float32, that an export may have."""
-
-
-@dataclass(frozen=True)
-class Checked:
-    """Figures of one network file on labelled photos.
-
-    Attributes:
-        score: confusion at the photos' own size.
-        bins: (10, 3) float64: number of pixels, sum of confidence, number right, by confidence.
-    """
-
-    score: Score
-    bins: NDArray[np.float64]
-
-    @property
-    def calibration_error(self) -> float:
-        """Expected calibration error: mean distance of confidence from the share that is right."""
-        filled = self.bins[self.bins[:, 0] > 0]
-        return float(np.abs(filled[:, 1] - filled[:, 2]).sum() / filled[:, 0].sum())
 
 
 def export_onnx(network: DeepLabV3Plus, spec: NetworkSpec, path: Path) -> float:
@@ -123,30 +103,6 @@ def quantise(source: Path, target: Path, images: Iterable[Image]) -> None:
     finally:
         prepared.unlink(missing_ok=True)
         partial.unlink(missing_ok=True)
-
-
-def check(path: Path, photos: Sequence[Photo], threads: int = 0) -> Checked:
-    """Figures of a network file on labelled photos."""
-    segmenter = OnnxSegmenter(path, threads)
-    spec = segmenter.spec
-    ids = np.full(256, 255, np.uint8)
-    ids[: len(spec.channel_ids)] = spec.channel_ids
-    score, bins = Score.empty(spec.channel_ids, spec.label_set), np.zeros((10, 3))
-    for photo in photos:
-        labels, confidence = segmenter.segment(photo.image)
-        truth = ids[photo.codes]
-        mask = Segmentation(labels, spec.label_set, confidence).resized_to(*truth.shape)
-        score = score.plus(truth, mask.labels)
-        assert mask.confidence is not None  # noqa: S101 - a network always has one
-        bins += reliability_bins(mask.confidence[truth != 255], (mask.labels == truth)[truth != 255])
-    return Checked(score, bins)
-
-
-def reliability_bins(confidence: NDArray[np.float32], right: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """(10, 3): number of pixels, sum of confidence, number right, in tenths of confidence."""
-    index = np.clip((confidence * 10).astype(np.int64), 0, 9)
-    columns = (None, confidence.astype(np.float64), right.astype(np.float64))
-    return np.stack([np.bincount(index, weights=w, minlength=10) for w in columns], axis=1).astype(np.float64)
 
 
 def fit_temperature(path: Path, photos: Sequence[Photo]) -> float:

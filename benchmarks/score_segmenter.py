@@ -1,0 +1,92 @@
+"""Score a network file, or the colour baseline, on labelled photos: figures, reliability, worst photos.
+
+    python benchmarks/score_segmenter.py auto --data ~/photos/msrc_v2 --list val.txt
+
+The folder holds images/ and labels/ (0 other, 1 grass, 2 person, 255 void). These are the figures of the
+model card (docs/models.md).
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from swardmap.labels import GRASS_OBSTACLE_PERSON, VOID_ID
+from swardmap.models import bundled_network
+from swardmap.models.colour import grass_threshold, green_chromaticity
+from swardmap.train.check import Checked, check
+from swardmap.train.data import Photo, load_photos
+from swardmap.train.recipe import recipe_from_dict
+from swardmap.train.score import Score
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("segmenter", help="an .onnx file, auto (the one in the package), or colour")
+    parser.add_argument("--data", type=Path, required=True)
+    parser.add_argument("--list", help="text file in the folder with one stem a line")
+    parser.add_argument("--every", type=int, default=1, help="use every n-th photo")
+    parser.add_argument("--worst", type=int, default=0, help="name the n photos with most wrong pixels")
+    arguments = parser.parse_args()
+    entry = {
+        "name": "photos",
+        "folder": arguments.data.name,
+        "list": arguments.list,
+        "every": arguments.every,
+    }
+    recipe = recipe_from_dict({"name": "score", "data": [entry]})
+    photos = load_photos(recipe, arguments.data.resolve().parent, validation=False)[0].photos
+    if arguments.segmenter == "colour":
+        show(_score_of_colour(photos), len(photos))
+        return
+    path = bundled_network() if arguments.segmenter == "auto" else Path(arguments.segmenter)
+    if path is None:
+        raise SystemExit("this package holds no network")
+    checked = check(path, photos)
+    show(checked.score, len(photos))
+    show_reliability(checked)
+    if arguments.worst:
+        show_worst(path, photos, arguments.worst)
+
+
+def _score_of_colour(photos: list[Photo]) -> Score:
+    score = Score.empty((0, 1, 2), GRASS_OBSTACLE_PERSON)
+    for photo in photos:
+        green, dark = green_chromaticity(photo.image)
+        grass = (green > grass_threshold(green[~dark])) & ~dark
+        score = score.plus(photo.codes, grass.astype(np.uint8))
+    return score
+
+
+def show(score: Score, count: int) -> None:
+    print(f"{count} photos, {score.counts.sum()} labelled pixels")
+    for name, value in score.figures().items():
+        print(f"  {name:24} {'-' if value is None else f'{100 * value:.2f} %'}")
+    print("  true \\ found   other   grass   person   void")
+    for name, row in zip(("other", "grass", "person"), score.counts, strict=True):
+        print(f"  {name:12}" + "".join(f"{n:9d}" for n in row))
+
+
+def show_reliability(checked: Checked) -> None:
+    print("  confidence   pixels   mean confidence   right")
+    for low, (count, confidence, right) in enumerate(checked.bins):
+        if count:
+            print(
+                f"  {low / 10:.1f}-{low / 10 + 0.1:.1f} {count:12.0f}"
+                f" {confidence / count:12.3f} {right / count:12.3f}"
+            )
+    print(f"  expected calibration error {checked.calibration_error:.4f}")
+
+
+def show_worst(path: Path, photos: list[Photo], count: int) -> None:
+    scored = []
+    for photo in photos:
+        counts = check(path, [photo]).score.counts
+        known = (photo.codes != VOID_ID).sum()
+        scored.append((int(counts.sum() - np.trace(counts)), int(known), photo.stem))
+    for wrong, known, stem in sorted(scored, reverse=True)[:count]:
+        print(f"  {stem}: {wrong} of {known} labelled pixels wrong")
+
+
+if __name__ == "__main__":
+    main()
