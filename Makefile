@@ -4,7 +4,7 @@ VENV   ?= .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 
-.PHONY: demo test test-slow check format bench wheel-check clean
+.PHONY: demo test test-slow train-setup check format bench wheel-check clean
 
 $(READY): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -22,6 +22,10 @@ test: $(READY)            ## all tests but the slow ones
 test-slow: $(READY)       ## the slow tests
 	$(BIN)/python -m pytest -m slow
 
+train-setup: $(READY)     ## what training and export need, on the CPU build of torch where there is one
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check torch==2.13.0
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev,train]'
+
 check: $(READY)           ## linters and types
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -34,7 +38,11 @@ format: $(READY)          ## put the code in order
 bench: $(READY)           ## the numbers of docs/benchmarks.md
 	$(BIN)/python benchmarks/bench_pipeline.py
 
-wheel-check: $(READY)     ## build the wheel, install it in a clean environment, run the demo from it
+wheel-train-setup: $(READY)     ## what training and export need, on the CPU build of torch where there is one
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check torch==2.13.0
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev,train]'
+
+check: $(READY)     ## build the wheel, install it in a clean environment, run the demo from it
 	rm -rf build dist
 	$(BIN)/python -m build --wheel --outdir dist .
 	rm -rf build/clean && $(PYTHON) -m venv build/clean
