@@ -190,8 +190,8 @@ def margin_html(results: Results) -> str:
         "<p class='soft'>Proven margin: distribution-free bound on the average share covered in a unit. No "
         "cell farther: order statistics, in that share of the units no missed cell at all is farther. "
         "Bootstrap: share of all cells pooled, units drawn again; approximate. A dash: too few units, or no "
-        "such cells. Frames of one sequence resemble each other: where the rows by sequence are refused, the rows by "
-        "frame hold only as far as frames can be taken as independent.</p>"
+        "such cells. Frames of one sequence resemble each other: where the rows by sequence are refused, the "
+        "rows by frame hold only as far as frames can be taken as independent.</p>"
     )
     return html + _table(heads, rows) + note
 

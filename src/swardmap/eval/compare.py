@@ -1,0 +1,172 @@
+"""Runs side by side: what differs, and how sure that is, over the frames that all of them have."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swardmap.errors import InputError
+from swardmap.eval.confusion import ConfusionMatrix, Share
+from swardmap.eval.frame import split_key
+from swardmap.eval.run import read_plan, read_records
+from swardmap.eval.tally import MapTally
+
+Record = Mapping[str, Any]
+Pair = tuple[float, float]
+
+DRAWS = 2000
+
+MEASURES: Mapping[str, Callable[[ConfusionMatrix, MapTally], Pair]] = {
+    "pixels right": lambda mask, _: (_right(mask), mask.total),
+    "obstacle cells called free": lambda _, tally: _pair(tally.matrix.obstacle_called_free),
+    "person cells called free": lambda _, tally: _pair(tally.matrix.person_called_free),
+    "obstacle cells not seen": lambda _, tally: _pair(tally.matrix.obstacle_not_seen),
+    "false alarms": lambda _, tally: _pair(tally.matrix.free_called_obstacle),
+    "obstacles missed": lambda _, tally: (tally.missed_obstacles, tally.obstacles),
+    "obstacles called free": lambda _, tally: (tally.missed_called_free, tally.obstacles),
+    "mean d_min-obst [m]": lambda _, tally: _distance(tally),
+}
+"""Every measure is a ratio of two sums over frames, so that frames can be drawn again as a whole."""
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """One measure of one run against the first run.
+
+    Attributes:
+        measure: see MEASURES.
+        first, other: the two values; None where undefined.
+        difference: other minus first; None where one is undefined.
+        low, high: ends of the interval of the difference at the confidence asked for: both runs on the same
+            frames, units drawn again; None where a draw leaves a value undefined.
+    """
+
+    measure: str
+    first: float | None
+    other: float | None
+    difference: float | None
+    low: float | None
+    high: float | None
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether the interval leaves 0 out."""
+        return self.low is not None and self.high is not None and (self.low > 0 or self.high < 0)
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """One run against the first.
+
+    Attributes:
+        run: folder of the other run.
+        frames: frames that both have.
+        units: independent units among them.
+        differences: one for each measure.
+    """
+
+    run: str
+    frames: int
+    units: int
+    differences: tuple[Difference, ...]
+
+
+def compare_runs(
+    folders: Sequence[Path], unit: str = "frame", confidence: float = 0.95, seed: int = 0
+) -> list[Comparison]:
+    """Compare runs with the first one, on the frames that two runs have in common, by name.
+
+    Args:
+        folders: at least two, written by `evaluate`.
+        unit: what is independent: `frame`, or a tag such as `sequence`.
+        confidence: of the intervals.
+        seed: of the bootstrap.
+
+    Raises:
+        InputError: if a folder holds no run, or the runs have no kind of map or no frame in common.
+    """
+    if len(folders) < 2:
+        raise InputError("expected at least two runs to compare")
+    key, first = _named_records(folders[0])
+    comparisons = []
+    for folder in folders[1:]:
+        _, other = _named_records(folder)
+        names = [n for n in first if n in other and key in other[n]["maps"]]
+        if not names:
+            raise InputError(f"{folders[0]} and {folder} have no frame with maps {key} in common")
+        units = [_unit(first[n], unit, n) for n in names]
+        ours, theirs = (np.array([_measured(run[n], key) for n in names]) for run in (first, other))
+        differences = _differences(ours, theirs, units, confidence, seed)
+        comparisons.append(Comparison(str(folder), len(names), len(set(units)), differences))
+    return comparisons
+
+
+def _named_records(folder: Path) -> tuple[str, dict[str, Record]]:
+    """Kind of map of a run, and its frames by name."""
+    plan, total = read_plan(folder)
+    records = [r for r in read_records(folder, total) if "error" not in r]
+    return plan.main, {r["name"] or str(r["index"]): r for r in records}
+
+
+def _measured(record: Record, key: str) -> list[Pair]:
+    mask = ConfusionMatrix.from_dict(record["mask"])
+    tally = MapTally.from_dict(record["maps"][key], split_key(key)[1])
+    return [measure(mask, tally) for measure in MEASURES.values()]
+
+
+def _differences(
+    first: NDArray[np.float64],
+    other: NDArray[np.float64],
+    units: Sequence[str],
+    confidence: float,
+    seed: int,
+) -> tuple[Difference, ...]:
+    """Paired cluster bootstrap; the arrays are (frames, measures, 2)."""
+    names, owner = np.unique(units, return_inverse=True)
+    sums = [np.zeros((len(names), *a.shape[1:])) for a in (first, other)]
+    for total, values in zip(sums, (first, other), strict=True):
+        np.add.at(total, owner, values)
+    rng = np.random.default_rng(seed)
+    drawn = np.empty((DRAWS, len(MEASURES)))
+    for draw in range(DRAWS):
+        times = np.bincount(rng.integers(0, len(names), len(names)), minlength=len(names))
+        drawn[draw] = _ratios(np.tensordot(times, sums[1], axes=1)) - _ratios(
+            np.tensordot(times, sums[0], axes=1)
+        )
+    a, b = (_ratios(total.sum(axis=0)) for total in sums)
+    tail = (1 - confidence) / 2
+    rows = []
+    for i, measure in enumerate(MEASURES):
+        column = drawn[:, i]
+        whole = len(names) > 1 and bool(np.isfinite(column).all())
+        low, high = np.quantile(column, [tail, 1 - tail]) if whole else (np.nan, np.nan)
+        numbers = (a[i], b[i], b[i] - a[i], low, high)
+        rows.append(Difference(measure, *(float(v) if np.isfinite(v) else None for v in numbers)))
+    return tuple(rows)
+
+
+def _ratios(sums: NDArray[Any]) -> NDArray[np.float64]:
+    """(measures, 2) sums to ratios; NaN where there is nothing to divide by."""
+    of = np.where(sums[:, 1] > 0, sums[:, 1], np.nan)
+    ratios: NDArray[np.float64] = sums[:, 0] / of
+    return ratios
+
+
+def _unit(record: Record, unit: str, name: str) -> str:
+    return name if unit == "frame" else str(record["tags"].get(unit, ""))
+
+
+def _pair(share: Share) -> Pair:
+    return float(share.count), float(share.of)
+
+
+def _right(mask: ConfusionMatrix) -> float:
+    return float(sum(mask.counts[i][i] for i in range(len(mask.names))))
+
+
+def _distance(tally: MapTally) -> Pair:
+    summary = tally.distances().summary()
+    return (summary.mean_m or 0.0) * summary.count, float(summary.count)

@@ -1,0 +1,118 @@
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from swardmap.config import config_from_dict
+from swardmap.eval import charts
+from swardmap.eval.charts import Mark
+from swardmap.eval.cost import margin_cost
+from swardmap.eval.dataset import DatasetSpec
+from swardmap.eval.report import report_html
+from swardmap.eval.results import MarginOptions, results
+from swardmap.eval.run import evaluate, make_plan
+from swardmap.grid import GridSpec, OccupancyGrid
+from swardmap.io.map_files import write_map
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+COMMAND = "swardmap evaluate 'a <script>alert(1)</script> & c' -o out"
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("report")
+    config = config_from_dict({"segmenter": {"name": "colour"}})
+    plan = make_plan(DatasetSpec("analytic:scenes=2,frames=3,width=128"), config)
+    records = evaluate(plan, folder / "run", workers=1)
+    records[4] = {"index": 4, "error": "rgb/<b>.png is truncated"}
+    found = results(plan, records, MarginOptions(0.5, 0.8), COMMAND)
+    lawn = OccupancyGrid(GridSpec(0.1, 60, 40), np.ones((40, 60), np.uint8))
+    write_map(lawn, folder / "map.yaml")
+    found["cost"] = margin_cost(found, folder / "map.yaml", None, 0.5)
+    (folder / "report.html").write_text(report_html(plan, found), encoding="utf-8")
+    return folder / "report.html"
+
+
+def test_the_page_stands_alone_and_escapes_what_it_is_told(page: Path) -> None:
+    html = page.read_text(encoding="utf-8")
+    assert "<script" not in html
+    assert "&lt;script&gt;alert(1)" in html
+    assert "rgb/&lt;b&gt;.png is truncated" in html
+    for outside in ("http://", "https://", 'src="/', "@import", "url("):
+        assert outside not in html
+    assert "$" not in html.split("</style>")[1]
+    assert html.index("Grow obstacles by") < html.index('<h2 id="budget">')
+    assert html.count('class="frame"') == 5
+    assert html.count("<details>") == 13
+
+
+def test_charts_take_nothing_and_one_value() -> None:
+    assert "<svg" in charts.histogram([], [], "x", "y", "empty")
+    assert "<svg" in charts.curve([], [], "x", "y", "empty")
+    drawn = charts.bars([("a <b>", None, "–"), ("c", 2.0, "2")], "bars", "m", "red")  # noqa: RUF001
+    assert drawn.count("<rect") == 1
+    assert "a &lt;b&gt;" in drawn
+    one = charts.curve([(0.5, 1.0)], [Mark(0.5, "mean", "red")], "x", "y", "one", steps=True)
+    assert "NaN" not in one
+    assert "nan" not in one
+
+
+def test_bars_are_as_long_as_their_counts() -> None:
+    svg = charts.histogram([(0.0, 0.1, 10), (0.1, 0.2, 5)], [], "x", "y", "h")
+    heights = [float(part.split('"')[0]) for part in svg.split('height="')[1:]]
+    assert heights[0] == pytest.approx(2 * heights[1])
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    if CHROMIUM is None:
+        pytest.skip("no Chromium on this machine")
+    arguments = [
+        "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+        "--disable-background-networking", "--disable-component-update", "--disable-sync",
+    ]  # fmt: skip
+    with sync_api.sync_playwright() as playwright:
+        running = playwright.chromium.launch(executable_path=CHROMIUM, args=arguments)
+        yield running
+        running.close()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [360, 768, 1280])
+def test_in_chromium_it_fits_every_screen_and_asks_for_nothing(page: Path, browser: Any, width: int) -> None:
+    tab = browser.new_page(viewport={"width": width, "height": 800}, java_script_enabled=True)
+    requests: list[str] = []
+    messages: list[str] = []
+    tab.on("request", lambda request: requests.append(request.url))
+    tab.on("console", lambda message: messages.append(message.text))
+    tab.goto(page.as_uri())
+    assert [url for url in requests if not url.startswith("data:")] == [page.as_uri()]
+    assert messages == []
+    assert tab.evaluate("document.documentElement.scrollWidth") <= width
+    assert tab.evaluate("[...document.images].every(i => i.complete && i.naturalWidth > 0)")
+    assert tab.locator("h1").inner_text().startswith("How far the maps")
+    assert tab.locator("svg.chart").count() >= 5
+    sizes = "[...document.querySelectorAll('svg.chart')].every(s => s.getBoundingClientRect().height > 60)"
+    assert tab.evaluate(sizes)
+    small = tab.evaluate("Math.min(...[...document.querySelectorAll('svg.chart text')]"
+                         ".map(t => t.getBoundingClientRect().height))")  # fmt: skip
+    assert small > 7  # still readable
+    tab.locator("summary").first.click()
+    assert tab.locator("details[open] table").count() == 1
+    tab.close()
+
+
+@pytest.mark.slow
+def test_it_prints(page: Path, browser: Any, tmp_path: Path) -> None:
+    tab = browser.new_page()
+    tab.goto(page.as_uri())
+    tab.emulate_media(media="print")
+    assert not tab.locator("nav").is_visible()
+    pdf = tab.pdf(path=str(tmp_path / "report.pdf"), format="A4")
+    assert pdf[:5] == b"%PDF-"
+    assert len(pdf) > 20_000
+    tab.close()

@@ -1,0 +1,239 @@
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from swardmap.config import SourceConfig, config_from_dict
+from swardmap.errors import ConfigError, InputError, OutputError
+from swardmap.eval import dataset as dataset_module
+from swardmap.eval.compare import compare_runs
+from swardmap.eval.dataset import DatasetSpec, count_frames, read_frames
+from swardmap.eval.frame import Plan, evaluate_part
+from swardmap.eval.gardens import AnalyticGardens
+from swardmap.eval.results import results
+from swardmap.eval.run import evaluate, make_plan, parts_of, read_plan, read_records
+
+TRUTH = config_from_dict({"segmenter": {"name": "truth"}})
+COLOUR = config_from_dict({"segmenter": {"name": "colour"}})
+GARDENS = "analytic:scenes=2,frames=6,width=96"
+
+
+def small_plan(location: str = GARDENS, **options: Any) -> Plan:
+    options = {"resolutions_m": (0.1,), "protocols": ("dense",), "with_budget": False} | options
+    return make_plan(DatasetSpec(location), COLOUR, **options)
+
+
+def test_parts_cover_every_frame_once_and_do_not_depend_on_the_machine() -> None:
+    for total in (1, 7, 8, 9, 1023, 1024, 50_000):
+        indices = [i for start, stop in parts_of(total) for i in range(start, stop)]
+        assert indices == list(range(total))
+
+
+def test_any_split_gives_the_same_bytes() -> None:
+    plan = small_plan()
+    whole = evaluate_part(plan, 0, 12)
+    for cuts in ([0, 12], [0, 1, 5, 12], list(range(13))):
+        assert "".join(evaluate_part(plan, a, b) for a, b in pairwise(cuts)) == whole
+
+
+def test_processes_give_the_results_of_one_process(tmp_path: Path) -> None:
+    plan = small_plan(with_budget=True, protocols=("dense", "paper"))
+    one = evaluate(plan, tmp_path / "one", workers=1)
+    two = evaluate(plan, tmp_path / "two", workers=2)
+    assert one == two
+    assert json.dumps(results(plan, one)) == json.dumps(results(plan, two))
+
+
+def test_a_run_goes_on_where_it_was_and_does_only_what_is_missing(tmp_path: Path) -> None:
+    plan, seen = small_plan(), []
+    first = evaluate(plan, tmp_path, workers=1)
+    parts = sorted((tmp_path / "parts").iterdir())
+    parts[1].unlink()
+    before = parts[0].stat().st_mtime_ns
+    again = evaluate(plan, tmp_path, workers=1, on_done=lambda done, total: seen.append((done, total)))
+    assert again == first
+    assert seen == [(8, 12), (12, 12)]
+    assert parts[0].stat().st_mtime_ns == before
+    parts[0].write_text(parts[0].read_text()[:100])  # damaged from outside: done again
+    assert evaluate(plan, tmp_path, workers=1) == first
+
+
+def test_another_plan_is_never_mixed_in(tmp_path: Path) -> None:
+    evaluate(small_plan(), tmp_path, workers=1)
+    other = small_plan(resolutions_m=(0.2,))
+    with pytest.raises(OutputError, match="other data or settings"):
+        evaluate(other, tmp_path, workers=1)
+    records = evaluate(other, tmp_path, workers=1, overwrite=True)
+    assert list(records[0]["maps"]) == ["dense@0.2"]
+    stranger = tmp_path / "stranger"
+    stranger.mkdir()
+    (stranger / "thesis.txt").write_text("mine")
+    with pytest.raises(OutputError, match="holds no evaluation"):
+        evaluate(other, stranger, workers=1, overwrite=True)
+    assert (stranger / "thesis.txt").read_text() == "mine"
+
+
+def test_the_plan_round_trips_and_is_read_back(tmp_path: Path) -> None:
+    plan = small_plan(T_base_camera=tuple(map(float, range(16))))
+    assert Plan.from_json(plan.to_json()) == plan
+    assert replace(plan, seed=1).fingerprint != plan.fingerprint
+    evaluate(plan, tmp_path, workers=1)
+    assert read_plan(tmp_path) == (plan, 12)
+    with pytest.raises(InputError, match="swardmap evaluate"):
+        read_plan(tmp_path / "parts")
+    (tmp_path / "parts" / "0000000-0000008.jsonl").unlink()
+    with pytest.raises(InputError, match="same command again"):
+        read_records(tmp_path, 12)
+
+
+class Broken:
+    """A source whose fourth frame cannot be read, and whose seventh is left out."""
+
+    def __init__(self, config: SourceConfig) -> None:
+        self._good = AnalyticGardens(GARDENS, config)
+        self.name, self.label_set, self.frame_count = "broken", self._good.label_set, self._good.frame_count
+        self.skipped: dict[str, int] = {}
+
+    def __iter__(self) -> Any:
+        for frame in self._good:
+            if frame.name == "0000_0003":
+                raise InputError("rgb/0003.png is truncated")
+            if frame.name == "0001_0000":
+                self.skipped["no depth image"] = 1
+                continue
+            yield frame
+
+
+def test_a_frame_that_cannot_be_read_is_named_and_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(dataset_module, "open_source", lambda _, config: Broken(config))
+    plan = replace(small_plan(), dataset=DatasetSpec("broken"))
+    records = evaluate(plan, tmp_path / "run", workers=1)
+    bad = {r["index"]: r["error"] for r in records if "error" in r}
+    assert bad.keys() == {3, 6}
+    assert "truncated" in bad[3]
+    assert "no depth image" in bad[6]
+    found = results(plan, records)
+    assert found["frames"]["evaluated"] == 10
+    assert [b["index"] for b in found["frames"]["unreadable"]] == [3, 6]
+    # the good ones are what they are without the bad ones
+    clean = {r["name"]: r["mask"] for r in evaluate(small_plan(), tmp_path / "clean", workers=1)}
+    assert all(r["mask"] == clean[r["name"]] for r in records if "error" not in r)
+    with pytest.raises(InputError, match=r"frame 3: .*truncated"):
+        evaluate(plan, tmp_path / "strict", workers=1, strict=True)
+
+
+def test_sources_of_unknown_length_are_read_from_the_beginning(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Bag(AnalyticGardens):
+        frame_count = None  # type: ignore[assignment]
+
+    monkeypatch.setattr(dataset_module, "open_source", lambda _, config: Bag(GARDENS, config))
+    spec = DatasetSpec("some.mcap", SourceConfig(start=2, every=2))
+    assert count_frames(spec) == 5
+    names = [n.frame.name for n in read_frames(spec, 1, 4) if n.frame]
+    assert names == ["0000_0004", "0001_0000", "0001_0002"]
+
+
+def test_clean_depth_of_a_second_recording_must_be_of_the_same_frames(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def opened(location: str, config: SourceConfig) -> Any:
+        gardens = {"noisy": GARDENS, "clean": GARDENS + ",noise=0", "other": GARDENS + ",seed=5"}
+        return AnalyticGardens(gardens[str(location)], config)
+
+    monkeypatch.setattr(dataset_module, "open_source", opened)
+    good = list(read_frames(DatasetSpec("noisy", clean="clean"), 2, 5))
+    assert all(n.clean is not None and n.frame is not None for n in good)
+    assert not np.array_equal(good[0].frame.depth, good[0].clean.depth)  # type: ignore[union-attr]
+    (wrong,) = read_frames(DatasetSpec("noisy", clean="other"), 0, 1)
+    assert wrong.frame is None
+    assert "expected clean depth of frame '0000_0000'" in wrong.error
+
+
+def test_what_cannot_be_evaluated_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(ConfigError, match="expected whole numbers for scenes"):
+        make_plan(DatasetSpec("analytic:scenes=many"))
+    with pytest.raises(InputError, match="no such recording"):
+        make_plan(DatasetSpec(str(tmp_path / "nothing")))
+    with pytest.raises(InputError, match="holds no frame"):
+        evaluate(small_plan("analytic:scenes=0"), tmp_path / "empty", workers=1)
+
+    class Unlabelled(AnalyticGardens):
+        label_set = None  # type: ignore[assignment]
+
+    monkeypatch.setattr(dataset_module, "open_source", lambda _, config: Unlabelled(GARDENS, config))
+    with pytest.raises(InputError, match="no true labels"):
+        make_plan(DatasetSpec("recording"))
+
+
+def test_runs_side_by_side(tmp_path: Path) -> None:
+    truth = make_plan(
+        DatasetSpec(GARDENS), TRUTH, resolutions_m=(0.1,), protocols=("dense",), with_budget=False
+    )
+    for name, plan in (("colour", small_plan()), ("truth", truth), ("again", small_plan())):
+        evaluate(plan, tmp_path / name, workers=1)
+    folders = [tmp_path / name for name in ("colour", "truth", "again")]
+    better, same = compare_runs(folders)
+    assert (better.frames, better.units) == (12, 12)
+    pixels = better.differences[0]
+    assert pixels.other == 1
+    assert pixels.is_sure
+    assert pixels.low is not None
+    assert pixels.difference is not None
+    assert 0 < pixels.low <= pixels.difference
+    assert all(d.difference in (0, None) and not d.is_sure for d in same.differences)
+    by_sequence = compare_runs(folders[:2], unit="sequence")[0]
+    assert by_sequence.units == 2
+    with pytest.raises(InputError, match="at least two"):
+        compare_runs(folders[:1])
+    evaluate(small_plan(resolutions_m=(0.2,)), tmp_path / "coarse", workers=1)
+    with pytest.raises(InputError, match="in common"):
+        compare_runs([folders[0], tmp_path / "coarse"])
+
+
+SCRIPT = """
+import sys
+from swardmap.eval.run import evaluate, read_plan
+from swardmap.eval.frame import Plan
+if __name__ == "__main__":
+    evaluate(Plan.from_json(open(sys.argv[1]).read()), sys.argv[2], workers=2)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not hasattr(os, "killpg"), reason="kill -9 of a process group needs POSIX")
+def test_killed_three_times_at_random_the_result_is_that_of_an_undisturbed_run(tmp_path: Path) -> None:
+    plan = small_plan("analytic:scenes=4,frames=40,width=160", with_budget=True)
+    expected = evaluate(plan, tmp_path / "undisturbed", workers=2)
+    (tmp_path / "plan.txt").write_text(plan.to_json())
+    script = tmp_path / "go.py"
+    script.write_text(SCRIPT)
+    command = [sys.executable, str(script), str(tmp_path / "plan.txt"), str(tmp_path / "killed")]
+    dice, parts, killed = random.Random(3), tmp_path / "killed" / "parts", 0
+    for _ in range(3):
+        run = subprocess.Popen(command)
+        done = len(list(parts.glob("*.jsonl"))) if parts.exists() else 0
+        deadline = time.monotonic() + 60
+        while run.poll() is None and time.monotonic() < deadline:
+            if parts.exists() and len(list(parts.glob("*.jsonl"))) > done + dice.randint(0, 2):
+                break
+            time.sleep(0.01)
+        time.sleep(dice.uniform(0, 0.3))
+        if run.poll() is None:
+            run.send_signal(signal.SIGKILL)
+            killed += 1
+        run.wait()
+    assert killed == 3
+    assert 0 < len(list(parts.glob("*.jsonl"))) < 20
+    assert evaluate(plan, tmp_path / "killed", workers=2) == expected
