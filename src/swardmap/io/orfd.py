@@ -1,0 +1,148 @@
+"""ORFD, an off-road data set: colour images and dense depth from a lidar, no poses.
+
+    SEQUENCE/image_data/1623721491895.png     or images/: 8-bit colour; the name is a time in milliseconds
+    SEQUENCE/dense_depth/1623721491895.png    or depth/: 16-bit, 0 = no reading
+    SEQUENCE/calib/1623721491895.txt          a line "cam_K:" with the nine numbers of the camera matrix
+
+The unit of the depth is stated nowhere. 1/256 m, as in KITTI, puts the camera 2 m above the road, which
+fits the vehicle; `depth_unit_m` overrides it. Free space (gt_image/) is not read: it is not grass.
+"""
+
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from swardmap.config import SourceConfig
+from swardmap.errors import InputError, InvalidValueError
+from swardmap.geometry import Intrinsics
+from swardmap.io.files import read_bytes
+from swardmap.io.images import read_color, read_depth
+from swardmap.io.number_tables import parse_table
+from swardmap.types import Frame
+
+COLOR_FOLDERS, DEPTH_FOLDERS, CALIBRATION_FOLDER = ("image_data", "images"), ("dense_depth", "depth"), "calib"
+STAMP_MS = re.compile(r"\d{1,15}")
+NS_PER_MS = 1_000_000
+DEPTH_UNIT_M = 1 / 256
+
+
+class OrfdSource:
+    """Frames of one sequence; opened by `open_source`."""
+
+    def __init__(self, path: Path, color: Path, depth: Path, names: Sequence[str], unit_m: float) -> None:
+        self._path, self._color, self._depth = path, color, depth
+        self._names, self._depth_unit_m = list(names), unit_m
+        self._skipped: Counter[str] = Counter()
+
+    @property
+    def name(self) -> str:
+        """Name of the folder."""
+        return self._path.resolve().name
+
+    @property
+    def frame_count(self) -> int:
+        """Frames chosen; those that miss a part are counted in `skipped` and not yielded."""
+        return len(self._names)
+
+    @property
+    def label_set(self) -> None:
+        """No labels are read."""
+        return None
+
+    @property
+    def skipped(self) -> Mapping[str, int]:
+        """Frames left out by the last iteration, by reason."""
+        return dict(self._skipped)
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Read frame by frame."""
+        self._skipped.clear()
+        for name in self._names:
+            parts = {
+                "no colour image": self._color / f"{name}.png",
+                "no depth image": self._depth / f"{name}.png",
+                "no calibration": self._path / CALIBRATION_FOLDER / f"{name}.txt",
+            }
+            missing = [reason for reason, file in parts.items() if not file.is_file()]
+            if missing:
+                self._skipped[missing[0]] += 1
+            else:
+                yield self._read(name, *parts.values())
+
+    def _read(self, name: str, color: Path, depth: Path, calibration: Path) -> Frame:
+        rgb = read_color(color)
+        height, width = rgb.shape[:2]
+        camera = parse_calibration(read_bytes(calibration, 2**16), str(calibration), width, height)
+        try:
+            return Frame(
+                stamp_ns=int(name) * NS_PER_MS,
+                intrinsics=camera,
+                rgb=rgb,
+                depth=read_depth(depth),
+                depth_unit_m=self._depth_unit_m,
+                name=name,
+            )
+        except InvalidValueError as error:
+            raise InputError(f"{self._path}: {error}") from error
+
+
+def recognises(path: Path) -> bool:
+    """Whether `path` has the folders of a sequence."""
+    return (
+        (path / CALIBRATION_FOLDER).is_dir()
+        and _one_of(path, COLOR_FOLDERS) is not None
+        and _one_of(path, DEPTH_FOLDERS) is not None
+    )
+
+
+def open_source(path: Path, config: SourceConfig) -> OrfdSource:
+    """Open one sequence.
+
+    Raises:
+        InputError: if a folder is missing, or holds no image named by a time.
+    """
+    color, depth = _one_of(path, COLOR_FOLDERS), _one_of(path, DEPTH_FOLDERS)
+    if color is None or depth is None or not (path / CALIBRATION_FOLDER).is_dir():
+        raise InputError(
+            f"{path}: expected folders {' or '.join(COLOR_FOLDERS)}, {' or '.join(DEPTH_FOLDERS)}, "
+            f"and {CALIBRATION_FOLDER}"
+        )
+    names = {file.stem for folder in (color, depth) for file in folder.iterdir() if file.suffix == ".png"}
+    stamped = sorted((name for name in names if STAMP_MS.fullmatch(name)), key=lambda name: (int(name), name))
+    if not stamped:
+        raise InputError(
+            f"{path}: expected images named by their time, such as 1623721491895.png; found none"
+        )
+    chosen = stamped[config.start : config.stop : config.every]
+    return OrfdSource(path, color, depth, chosen, config.depth_unit_m or DEPTH_UNIT_M)
+
+
+def parse_calibration(content: bytes, name: str, width: int, height: int) -> Intrinsics:
+    """Intrinsics from the line `cam_K:` of a calibration file, for an image of a size.
+
+    Raises:
+        InputError: if there is no such line, or no camera in it that fits the image.
+    """
+    lines = [line for line in content.splitlines() if line.startswith(b"cam_K:")]
+    if len(lines) != 1:
+        raise InputError(f"{name}: expected one line 'cam_K:' with nine numbers, got {len(lines)}")
+    K = parse_table(lines[0].removeprefix(b"cam_K:"), 1, 9, f"{name}, cam_K").reshape(3, 3)
+    if not np.array_equal(K, [[K[0, 0], 0, K[0, 2]], [0, K[1, 1], K[1, 2]], [0, 0, 1]], equal_nan=True):
+        raise InputError(f"{name}: expected cam_K: fx 0 cx 0 fy cy 0 0 1, got {K.ravel().tolist()}")
+    try:
+        camera = Intrinsics.from_matrix(K, width, height)
+    except InvalidValueError as error:
+        raise InputError(f"{name}: {error}") from error
+    if not (0 <= camera.cx < width and 0 <= camera.cy < height):
+        raise InputError(
+            f"{name}: expected a principal point inside the image of {width} x {height} pixels, "
+            f"got {camera.cx:g}, {camera.cy:g}"
+        )
+    return camera
+
+
+def _one_of(path: Path, names: tuple[str, ...]) -> Path | None:
+    return next((path / name for name in names if (path / name).is_dir()), None)
