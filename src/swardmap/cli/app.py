@@ -5,12 +5,18 @@ import sys
 import typer
 
 from swardmap import __version__
+from swardmap.cli.compare import EPILOG as COMPARE_EXAMPLES
+from swardmap.cli.compare import compare_command
 from swardmap.cli.config import config
 from swardmap.cli.convert import convert
 from swardmap.cli.demo import demo
 from swardmap.cli.doctor import doctor
-from swardmap.cli.map import EXAMPLES as MAP_EXAMPLES
+from swardmap.cli.evaluate import EPILOG as EVALUATE_EXAMPLES
+from swardmap.cli.evaluate import evaluate_command
+from swardmap.cli.export import export
+from swardmap.cli.map import EPILOG as MAP_EXAMPLES
 from swardmap.cli.map import map_command
+from swardmap.cli.train import train
 from swardmap.errors import SwardmapError
 
 app = typer.Typer(
@@ -40,7 +46,11 @@ def _top(
 
 app.command("map", epilog=MAP_EXAMPLES)(map_command)
 app.command("demo")(demo)
+app.command("evaluate", epilog=EVALUATE_EXAMPLES)(evaluate_command)
+app.command("compare", epilog=COMPARE_EXAMPLES)(compare_command)
 app.command("convert")(convert)
+app.command("train")(train)
+app.command("export")(export)
 app.command("config")(config)
 app.command("doctor")(doctor)
 

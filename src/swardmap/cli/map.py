@@ -8,7 +8,7 @@ import typer
 
 from swardmap.cli.options import ConfigFile, Json, Overwrite, Progress, Settings, settings
 
-EXAMPLES = """\b
+EPILOG = """\b
 Examples:
   swardmap map recording/ -o out/
   swardmap map drive.mcap -o out/ --segmenter lawn.onnx --resolution 0.1
