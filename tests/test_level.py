@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from swardmap.errors import InputError, InvalidValueError
 from swardmap.geometry import Intrinsics, Pose, deproject, mount_pose
+from swardmap.labels import GRASS, OTHER
 from swardmap.level import Plane, estimate_mount, fit_ground, level_pose
 from swardmap.synth.analytic import AnalyticSource, Box, Scene, StereoNoise, garden_scene, lane_poses, render
 from swardmap.types import Frame
@@ -100,6 +101,27 @@ def test_the_floor_wins_over_a_table_that_fills_the_view() -> None:
     height_error, angle_error = mount_errors(estimate_mount(frame), truth)
     assert height_error < 0.01
     assert angle_error < 0.2
+
+
+def test_true_labels_say_what_is_ground() -> None:
+    """A raised lawn that is labelled as such wins over the bare floor below it."""
+    truth = mount_pose(1.3, 25.0, parent="map")
+    frame = render(Scene((Box((1.3, 0.0), (1.4, 3.0, 0.7)),)), CAMERA, truth)
+    heights = truth.apply(deproject(frame.depth_m, frame.intrinsics))[..., 2]
+    assert estimate_mount(replace(frame, labels=None)).position_m[2] == pytest.approx(1.3, abs=0.005)
+    labels = np.where(np.abs(heights - 0.7) < 0.02, GRASS.id, OTHER.id).astype(np.uint8)
+    assert estimate_mount(replace(frame, labels=labels)).position_m[2] == pytest.approx(0.6, abs=0.005)
+    few = np.where(np.arange(240)[:, None] < 1, labels, OTHER.id).astype(np.uint8)
+    assert estimate_mount(replace(frame, labels=few)).position_m[2] == pytest.approx(1.3, abs=0.005)
+
+
+def test_near_ground_counts_more_than_far_ground() -> None:
+    """Weights are 1 / tolerance^2: 0.0275 m at a range of 1.5 m and 0.068 m at 9.5 m, so 0.14 of 4 cm."""
+    angle = np.linspace(0, 2 * np.pi, 4_000, endpoint=False)
+    ring = np.stack((np.cos(angle), np.sin(angle), np.zeros(4_000)), axis=-1)
+    points = np.concatenate((1.5 * ring, 9.5 * ring + [0, 0, 0.04]))
+    plane = fit_ground(points, (0, 0, 1), viewpoint=(0, 0, 0.3))
+    assert plane.offset_m == pytest.approx(0.0057, abs=0.0005)
 
 
 def test_what_is_too_small_below_the_ground_does_not_win() -> None:

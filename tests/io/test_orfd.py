@@ -76,6 +76,17 @@ def test_frames_are_chosen_and_missing_parts_counted(tmp_path: Path) -> None:
     assert source.skipped == {"no colour image": 2, "no calibration": 1, "no depth image": 1}
 
 
+def test_a_folder_that_may_not_be_read_is_one_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_sequence(tmp_path / "road")
+
+    def refuse(path: Path) -> None:
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(Path, "iterdir", refuse)
+    with pytest.raises(InputError, match="Permission denied"):
+        open_source(tmp_path / "road", SourceConfig(format="orfd"))
+
+
 def test_other_folders_are_not_taken(tmp_path: Path) -> None:
     assert not orfd.recognises(tmp_path)
     with pytest.raises(InputError, match="expected folders image_data or images"):

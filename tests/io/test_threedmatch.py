@@ -162,6 +162,17 @@ def test_sub_folders_and_intrinsics_above(tmp_path: Path) -> None:
     assert open_source(tmp_path / "scene/seq-02").name == "seq-02"
 
 
+def test_a_folder_that_may_not_be_read_is_one_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_sequence(tmp_path / "room", WORLDS["level"])
+
+    def refuse(path: Path) -> None:
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(Path, "iterdir", refuse)
+    with pytest.raises(InputError, match="Permission denied"):
+        open_source(tmp_path / "room", SourceConfig(format="3dmatch"))
+
+
 def test_other_folders_are_not_taken(tmp_path: Path) -> None:
     assert not threedmatch.recognises(tmp_path)
     (tmp_path / "camera-intrinsics.txt").write_text(K_TEXT)

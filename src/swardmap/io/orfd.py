@@ -110,7 +110,11 @@ def open_source(path: Path, config: SourceConfig) -> OrfdSource:
             f"{path}: expected folders {' or '.join(COLOR_FOLDERS)}, {' or '.join(DEPTH_FOLDERS)}, "
             f"and {CALIBRATION_FOLDER}"
         )
-    names = {file.stem for folder in (color, depth) for file in folder.iterdir() if file.suffix == ".png"}
+    try:
+        files = [file for folder in (color, depth) for file in folder.iterdir()]
+    except OSError as error:
+        raise InputError(f"cannot list {path}: {error.strerror}") from error
+    names = {file.stem for file in files if file.suffix == ".png"}
     stamped = sorted((name for name in names if STAMP_MS.fullmatch(name)), key=lambda name: (int(name), name))
     if not stamped:
         raise InputError(

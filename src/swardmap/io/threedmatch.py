@@ -243,7 +243,10 @@ def _color_file(folder: Path, name: str) -> Path:
 
 def _frame_names(folder: Path) -> list[tuple[str, int]]:
     """Names and numbers of the frames of which any file is there, in order of number."""
-    found = (FRAME_FILE.fullmatch(file.name) for file in folder.iterdir())
+    try:
+        found = [FRAME_FILE.fullmatch(file.name) for file in folder.iterdir()]
+    except OSError as error:
+        raise InputError(f"cannot list {folder}: {error.strerror}") from error
     return sorted({(m[1], int(m[2])) for m in found if m}, key=lambda frame: frame[1])
 
 
