@@ -90,7 +90,7 @@ def render(
     return Frame(
         stamp_ns,
         intrinsics,
-        paint(hits, solids, scene.patches, intrinsics, T_map_camera),
+        paint(hits, solids, scene.patches, T_map_camera),
         depth_m.astype(np.float32) if exact else np.rint(depth_m * 1000).astype(np.uint16),
         T_map_camera=T_map_camera,
         labels=hits.labels,

@@ -6,14 +6,15 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from swardmap.geometry import Intrinsics, Pose
+from swardmap.geometry import Float32Array, Intrinsics, Pose
 from swardmap.labels import GRASS, VOID_ID
-from swardmap.synth.analytic_solids import BoolArray, Float64Array, Material, Patch, Solid
+from swardmap.synth.analytic_footprints import BoolArray, Float64Array
+from swardmap.synth.analytic_solids import Material, Patch, Solid
 
 LAWN = Material((94, 138, 60), "lawn", 0.34)
 SUN = np.array([-0.45, 0.62, 0.64]) / np.linalg.norm([-0.45, 0.62, 0.64])  # towards the sun
-SUNLIGHT = np.array([1.0, 0.96, 0.86])
-SKYLIGHT = np.array([0.44, 0.47, 0.55])
+SUNLIGHT = (1.0, 0.96, 0.86)
+SKYLIGHT = (0.44, 0.47, 0.55)
 HAZE = (196.0, 212.0, 224.0)
 STRIPE_M = 0.5
 NEAR_M = 1e-4
@@ -28,11 +29,13 @@ class Hits:
         depth_m: float64 along the optical axis, infinity for the sky.
         labels: uint8 class ids, void for the sky.
         surface: int16 index: -2 sky, -1 lawn, then solids, then patches.
+        rays: (H, W, 3) as `camera_rays` gives them.
     """
 
     depth_m: Float64Array
     labels: NDArray[np.uint8]
     surface: NDArray[np.int16]
+    rays: Float64Array
 
 
 def camera_rays(intrinsics: Intrinsics, T_map_camera: Pose) -> Float64Array:
@@ -68,31 +71,41 @@ def cast(
         hit = ground[0][inside], ground[1][inside]
         labels[hit] = patch.label.id
         surface[hit] = len(solids) + index
-    return Hits(depth, labels, surface)
+    return Hits(depth, labels, surface, rays)
 
 
 def paint(
     hits: Hits,
     solids: tuple[Solid, ...],
     patches: tuple[Patch, ...],
-    intrinsics: Intrinsics,
     T_map_camera: Pose,
 ) -> NDArray[np.uint8]:
     """(H, W, 3) uint8 RGB: texture, sun with cast shadows, sky light, haze."""
-    rays, origin = camera_rays(intrinsics, T_map_camera), T_map_camera.position_m
     seen = hits.surface >= -1
-    image = np.empty_like(rays)
-    image[~seen] = _sky(rays[~seen])
+    image = np.empty((*seen.shape, 3), np.uint8)
+    image[~seen] = _sky(hits.rays[~seen])
     depth = hits.depth_m[seen]
-    points = origin + depth[:, None] * rays[seen]
+    points = T_map_camera.position_m + depth[:, None] * hits.rays[seen]
     normals, albedo = _surfaces(hits.surface[seen], points, depth, solids, patches)
     sun = np.clip(normals @ SUN, 0, 1) * ~_in_shadow(points + 1e-4 * normals, solids)
-    sky = 0.62 + 0.38 * normals[:, 2]
-    haze = 1 - np.exp(-np.minimum(depth, 1e3) / 90.0)
-    for channel in range(3):
-        light = (sun * SUNLIGHT[channel] + sky * SKYLIGHT[channel]) * (1 - haze)
-        image[seen, channel] = albedo[:, channel] * light + HAZE[channel] * haze
-    return np.clip(image, 0, 255, out=image).astype(np.uint8)
+    image[seen] = _lit(
+        albedo, sun.astype(np.float32), normals[:, 2].astype(np.float32), depth.astype(np.float32)
+    )
+    return image
+
+
+def _lit(
+    albedo: Float32Array, sun: Float32Array, upward: Float32Array, depth: Float32Array
+) -> NDArray[np.uint8]:
+    """(N, 3) uint8: what sun and sky make of the albedo, behind haze."""
+    clear = np.exp(-np.minimum(depth, 1e3) / 90)
+    sky = 0.62 + 0.38 * upward
+    shown = np.empty(albedo.shape, np.uint8)
+    for channel in range(3):  # one at a time: contiguous, and half the time
+        light = sun * SUNLIGHT[channel] + sky * SKYLIGHT[channel]
+        color = albedo[:, channel] * light * clear + HAZE[channel] * (1 - clear)
+        shown[:, channel] = np.clip(color, 0, 255)
+    return shown
 
 
 def _surfaces(
@@ -101,11 +114,11 @@ def _surfaces(
     depth: Float64Array,
     solids: tuple[Solid, ...],
     patches: tuple[Patch, ...],
-) -> tuple[Float64Array, Float64Array]:
+) -> tuple[Float64Array, Float32Array]:
     """Normals (N, 3) and albedo (N, 3), 0..255, of what N pixels see."""
     normals = np.zeros_like(points)
     normals[:, 2] = 1
-    albedo = np.empty_like(points)
+    albedo = np.empty(points.shape, np.float32)
     fine = np.clip(4.0 / np.maximum(depth, 1e-3), 0.12, 1.0)  # texture fades before it aliases
     lawn = surface == -1
     albedo[lawn] = _texture(LAWN, points[lawn], normals[lawn], fine[lawn])

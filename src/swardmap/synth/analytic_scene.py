@@ -7,6 +7,7 @@ import numpy as np
 from swardmap.errors import InvalidValueError
 from swardmap.geometry import Pose, mount_pose
 from swardmap.labels import PERSON
+from swardmap.synth.analytic_footprints import rotation_z
 from swardmap.synth.analytic_solids import (
     GRAVEL,
     LEAVES,
@@ -16,7 +17,6 @@ from swardmap.synth.analytic_solids import (
     Material,
     Patch,
     Solid,
-    rotation_z,
     sphere,
 )
 
