@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from swardmap.config import config_from_dict, load_config
+from swardmap.errors import InvalidValueError
 from swardmap.eval.confusion import ConfusionMatrix
 from swardmap.eval.dataset import DatasetSpec
 from swardmap.eval.frame import Plan
@@ -79,6 +80,16 @@ def test_margin_sections_name_every_claim(run: Run) -> None:
     assert margin["margin_m"] is not None
     assert f"{margin['margin_m']:.3f} m" in margin["statement"]
     assert "obstacles of which nothing was found" in margin["not_covered"]
+
+
+def test_a_margin_that_cannot_be_meant_is_refused(run: Run) -> None:
+    plan, records, _ = run
+    with pytest.raises(InvalidValueError, match="tag 'lawn'; expected frame or one of: sequence"):
+        results(plan, records, MarginOptions(unit="lawn"))
+    with pytest.raises(InvalidValueError, match="between 0 and 1"):
+        MarginOptions(share=99)
+    with pytest.raises(InvalidValueError, match="population"):
+        MarginOptions(population="some")
 
 
 def test_worst_frames_first(run: Run) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from swardmap.config import SourceConfig, config_from_dict
-from swardmap.errors import ConfigError, InputError, OutputError
+from swardmap.errors import ConfigError, InputError, InvalidValueError, OutputError
 from swardmap.eval import dataset as dataset_module
 from swardmap.eval.compare import compare_runs
 from swardmap.eval.dataset import DatasetSpec, count_frames, read_frames
@@ -166,6 +166,10 @@ def test_what_cannot_be_evaluated_is_refused(tmp_path: Path, monkeypatch: pytest
         make_plan(DatasetSpec("analytic:scenes=many"))
     with pytest.raises(InputError, match="no such recording"):
         make_plan(DatasetSpec(str(tmp_path / "nothing")))
+    with pytest.raises(InvalidValueError, match="protocols"):
+        small_plan(protocols=("mine",))
+    with pytest.raises(ConfigError, match="resolution_m"):
+        small_plan(resolutions_m=(-0.1,))
     with pytest.raises(InputError, match="holds no frame"):
         evaluate(small_plan("analytic:scenes=0"), tmp_path / "empty", workers=1)
 

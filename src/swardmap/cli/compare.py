@@ -10,8 +10,8 @@ import typer
 from swardmap.cli.options import Json
 from swardmap.errors import InputError
 
-EPILOG = """Example:
-
+EXAMPLES = """\b
+Example:
   swardmap compare out/ other/ --unit sequence
 """
 

@@ -10,12 +10,10 @@ import typer
 
 from swardmap.cli.options import ConfigFile, Json, Overwrite, Settings, settings
 
-EPILOG = """Examples:
-
+EXAMPLES = """\b
+Examples:
   swardmap evaluate EDEN/ -o out/ --segmenter lawn.onnx
-
-  swardmap evaluate recording/ -o out/ --segmenter truth --resolution 0.05 --unit sequence
-
+  swardmap evaluate recording/ -o out/ --segmenter truth --unit sequence
   swardmap evaluate analytic:scenes=4,frames=90 -o out/
 
 An interrupted run goes on where it was: give the same command again.

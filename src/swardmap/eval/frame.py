@@ -11,7 +11,7 @@ import numpy as np
 
 from swardmap import __version__
 from swardmap.config import Config, SegmenterConfig, config_from_dict, config_to_dict
-from swardmap.errors import InputError, SwardmapError
+from swardmap.errors import InputError, InvalidValueError, SwardmapError
 from swardmap.eval.budget import PoseNoise, RealAndTrue, budget, noisy_pose
 from swardmap.eval.confusion import aligned_masks, confusion_of_masks
 from swardmap.eval.dataset import DatasetSpec, Numbered, read_frames
@@ -49,6 +49,16 @@ class Plan:
     with_budget: bool = True
     seed: int = 0
     T_base_camera: tuple[float, ...] | None = None
+
+    def __post_init__(self) -> None:
+        wrong = [p for p in self.protocols if p not in PROTOCOLS]
+        if wrong or not self.protocols or not self.resolutions_m:
+            raise InvalidValueError(
+                f"evaluation: expected protocols of {', '.join(PROTOCOLS)} and at least one resolution, "
+                f"got {self.protocols} and {self.resolutions_m}"
+            )
+        for resolution_m in self.resolutions_m:
+            at_resolution(self.config, resolution_m)  # raises for what is no resolution
 
     def to_json(self) -> str:
         """The plan as text; the same plan gives the same bytes."""

@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 
 from swardmap import __version__
+from swardmap.errors import InvalidValueError
 from swardmap.eval.budget import budget_rows, missing_stages
 from swardmap.eval.confusion import ConfusionMatrix, Share
 from swardmap.eval.distances import DistanceHistogram, DistanceSummary
 from swardmap.eval.frame import Plan, split_key
-from swardmap.eval.margin import POPULATIONS, Claim, measure_margin, unit_misses
+from swardmap.eval.margin import POPULATIONS, Claim, measure_margin, unit_misses, units_needed
 from swardmap.eval.margin_file import margin_of, statement_of
 from swardmap.eval.tally import RANGE_BANDS_M, MapTally, total_of
 
@@ -39,6 +40,13 @@ class MarginOptions:
     confidence: float = 0.95
     unit: str = "frame"
     population: str = "found"
+
+    def __post_init__(self) -> None:
+        units_needed(self.share, self.confidence)  # raises for what is no share or no confidence
+        if self.population not in POPULATIONS:
+            raise InvalidValueError(
+                f"margin: expected a population of {', '.join(POPULATIONS)}, got '{self.population}'"
+            )
 
 
 def results(
@@ -177,6 +185,10 @@ def margin_section(plan: Plan, records: Sequence[Record], options: MarginOptions
         )  # fmt: skip
 
     tags = {tag for r in records for tag in r["tags"]}
+    if records and options.unit not in {"frame", *tags}:
+        raise InvalidValueError(
+            f"margin: no frame has the tag '{options.unit}'; expected frame or one of: {', '.join(sorted(tags))}"
+        )
     others = [tag for tag in ("sequence", "scene") if tag in tags][:1]
     wanted = list(dict.fromkeys([options.unit, "frame", *others]))
     claims = {

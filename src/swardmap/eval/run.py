@@ -104,7 +104,7 @@ def evaluate(
 
 def parts_of(total: int) -> list[Part]:
     """How frames are split; depends on their number only, so that a resumed run has the same parts."""
-    size = 64 if total >= 1024 else 8
+    size = 8 if total < 1024 else 64 if total < 16_384 else 128
     return [(start, min(start + size, total)) for start in range(0, total, size)]
 
 
