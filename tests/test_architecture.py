@@ -23,6 +23,7 @@ CORE = (
     "mapper",
     "roads",
     "costmap",
+    "level",
     "pipeline",
 )
 EDGES = ("io", "models", "eval", "synth", "train", "viz", "ros", "cli", "recording")

@@ -5,16 +5,16 @@ import sys
 import typer
 
 from swardmap import __version__
-from swardmap.cli.compare import EPILOG as COMPARE_EXAMPLES
+from swardmap.cli.compare import EXAMPLES as COMPARE_EXAMPLES
 from swardmap.cli.compare import compare_command
 from swardmap.cli.config import config
 from swardmap.cli.convert import convert
 from swardmap.cli.demo import demo
 from swardmap.cli.doctor import doctor
-from swardmap.cli.evaluate import EPILOG as EVALUATE_EXAMPLES
+from swardmap.cli.evaluate import EXAMPLES as EVALUATE_EXAMPLES
 from swardmap.cli.evaluate import evaluate_command
 from swardmap.cli.export import export
-from swardmap.cli.map import EPILOG as MAP_EXAMPLES
+from swardmap.cli.map import EXAMPLES as MAP_EXAMPLES
 from swardmap.cli.map import map_command
 from swardmap.cli.train import train
 from swardmap.errors import SwardmapError

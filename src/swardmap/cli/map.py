@@ -8,7 +8,7 @@ import typer
 
 from swardmap.cli.options import ConfigFile, Json, Overwrite, Progress, Settings, settings
 
-EPILOG = """\b
+EXAMPLES = """\b
 Examples:
   swardmap map recording/ -o out/
   swardmap map drive.mcap -o out/ --segmenter lawn.onnx --resolution 0.1

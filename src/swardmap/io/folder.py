@@ -281,7 +281,10 @@ def _entry(words: list[str]) -> Entry:
 
 
 def _names(folder: Path, suffixes: tuple[str, ...]) -> set[str]:
-    return {file.stem for file in folder.iterdir() if file.suffix.lower() in suffixes}
+    try:
+        return {file.stem for file in folder.iterdir() if file.suffix.lower() in suffixes}
+    except OSError as error:
+        raise InputError(f"cannot list {folder}: {error.strerror}") from error
 
 
 def _file_of(folder: Path, name: str, suffixes: tuple[str, ...]) -> Path | None:
