@@ -29,7 +29,7 @@ class Material:
 
 
 GRAVEL = Material((168, 158, 142), "slabs", 0.16)
-LEAVES = Material((70, 75, 64), "leaves", 0.75)  # dark yew: less green than any lawn
+LEAVES = Material((82, 84, 54), "leaves", 0.85)  # olive: less green than any lawn
 WOOD = Material((142, 104, 70), "wood", 0.25)
 
 
