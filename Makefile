@@ -38,11 +38,7 @@ format: $(READY)          ## put the code in order
 bench: $(READY)           ## the numbers of docs/benchmarks.md
 	$(BIN)/python benchmarks/bench_pipeline.py
 
-wheel-train-setup: $(READY)     ## what training and export need, on the CPU build of torch where there is one
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check torch==2.13.0
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev,train]'
-
-check: $(READY)     ## build the wheel, install it in a clean environment, run the demo from it
+wheel-check: $(READY)     ## build the wheel, install it in a clean environment, run the demo from it
 	rm -rf build dist
 	$(BIN)/python -m build --wheel --outdir dist .
 	rm -rf build/clean && $(PYTHON) -m venv build/clean
