@@ -17,6 +17,7 @@ CORE = (
     "labels",
     "geometry",
     "types",
+    "settings",
     "config",
     "cloud",
     "grid",

@@ -140,3 +140,12 @@ def test_progress_sees_every_frame() -> None:
     steps: list[StepResult] = []
     map_recording(source(2), config=Config(), segmenter=None, on_step=steps.append)
     assert [step.frame.name for step in steps] == ["000000", "000001"]
+
+
+def test_two_scenes_do_not_go_into_one_map() -> None:
+    class TwoScenes(Spoiled):
+        def __iter__(self) -> Iterator[Frame]:
+            return (replace(frame, tags={"scene": frame.name}) for frame in source(2))
+
+    with pytest.raises(InputError, match="a world of its own"):
+        map_recording(TwoScenes(KeyboardInterrupt(), 0), config=TRUTH)

@@ -5,47 +5,20 @@ Order of precedence: defaults < file < environment (`SWARDMAP_GRID__RESOLUTION_M
 """
 
 import dataclasses
-import difflib
-import math
-import types
-import typing
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
 from swardmap.errors import ConfigError
+from swardmap.settings import Checked, build, setting, yaml_lines
 
 ENVIRONMENT_PREFIX = "SWARDMAP_"
 NOT_SETTINGS = frozenset({"SWARDMAP_DATA"})
 
 
-def setting(
-    default: Any,
-    about: str,
-    minimum: float | None = None,
-    maximum: float | None = None,
-    choices: tuple[str, ...] | None = None,
-) -> Any:
-    """Declare one setting: default, what it is for, and what it may be."""
-    limits = {"about": about, "minimum": minimum, "maximum": maximum, "choices": choices}
-    return field(default=default, metadata=limits)
-
-
-class _Checked:
-    """Checks every field of a settings dataclass against its declared limits."""
-
-    def __post_init__(self) -> None:
-        hints = typing.get_type_hints(type(self))
-        for f in fields(self):  # type: ignore[arg-type]
-            name = f"{type(self).__name__}.{f.name}"
-            value = _converted(getattr(self, f.name), hints[f.name], name)
-            _check_limits(value, f.metadata, name)
-            object.__setattr__(self, f.name, value)
-
-
 @dataclass(frozen=True)
-class SourceConfig(_Checked):
+class SourceConfig(Checked):
     """How to read a recording."""
 
     format: str | None = setting(
@@ -83,7 +56,7 @@ class SourceConfig(_Checked):
 
 
 @dataclass(frozen=True)
-class SegmenterConfig(_Checked):
+class SegmenterConfig(Checked):
     """What tells grass from obstacles."""
 
     name: str = setting(
@@ -97,7 +70,7 @@ class SegmenterConfig(_Checked):
 
 
 @dataclass(frozen=True)
-class MountConfig(_Checked):
+class MountConfig(Checked):
     """Where the camera sits, for recordings without poses."""
 
     height_m: float | None = setting(
@@ -113,7 +86,7 @@ class MountConfig(_Checked):
 
 
 @dataclass(frozen=True)
-class CloudConfig(_Checked):
+class CloudConfig(Checked):
     """Which points count (Sec. 3.4)."""
 
     min_range_m: float = setting(0.3, "nearest depth used", minimum=0)
@@ -147,7 +120,7 @@ class CloudConfig(_Checked):
 
 
 @dataclass(frozen=True)
-class GridConfig(_Checked):
+class GridConfig(Checked):
     """The occupancy grid (Sec. 3.5)."""
 
     resolution_m: float = setting(0.05, "edge of a cell", minimum=1e-3, maximum=10)
@@ -168,7 +141,7 @@ class GridConfig(_Checked):
 
 
 @dataclass(frozen=True)
-class CostmapConfig(_Checked):
+class CostmapConfig(Checked):
     """Costs for Nav2: what is seen, grown by the margin, then inflated."""
 
     margin_m: float = setting(
@@ -192,7 +165,7 @@ class CostmapConfig(_Checked):
 
 
 @dataclass(frozen=True)
-class OutputConfig(_Checked):
+class OutputConfig(Checked):
     """What `map` writes."""
 
     pictures: int = setting(1, "a picture of every n-th frame; 0 = none", minimum=0)
@@ -201,7 +174,7 @@ class OutputConfig(_Checked):
 
 
 @dataclass(frozen=True)
-class Config(_Checked):
+class Config(Checked):
     """The whole tree."""
 
     source: SourceConfig = field(default_factory=SourceConfig)
@@ -233,20 +206,18 @@ def load_config(
     Raises:
         ConfigError: for an unknown key, a wrong type, or a value out of range.
     """
-    import yaml
-
     tree: dict[str, Any] = {}
     if file is not None:
         _merge(tree, _read_yaml(file), str(file))
     for name, text in (environment or {}).items():
         if name.startswith(ENVIRONMENT_PREFIX) and name not in NOT_SETTINGS:
             keys = name.removeprefix(ENVIRONMENT_PREFIX).lower().split("__")
-            _merge(tree, _nested(keys, yaml.safe_load(text)), f"environment variable {name}")
+            _merge(tree, _nested(keys, _parsed(text, name)), f"environment variable {name}")
     for override in overrides:
         key, sign, text = override.partition("=")
         if not sign or not key:
             raise ConfigError(f"expected section.key=value, got '{override}'")
-        _merge(tree, _nested(key.strip().split("."), yaml.safe_load(text)), f"'{override}'")
+        _merge(tree, _nested(key.strip().split("."), _parsed(text, key)), f"'{override}'")
     return config_from_dict(tree)
 
 
@@ -256,8 +227,8 @@ def config_from_dict(tree: Mapping[str, Any]) -> Config:
     Raises:
         ConfigError: for an unknown key (with the nearest known one), a wrong type, a value out of range.
     """
-    built = _build(Config, tree, "")
-    assert isinstance(built, Config)  # noqa: S101 - narrows the type; _build returns its first argument's
+    built = build(Config, tree)
+    assert isinstance(built, Config)  # noqa: S101 - narrows the type; build returns its first argument's
     return built
 
 
@@ -273,13 +244,13 @@ def config_to_yaml(config: Config, comments: bool = True) -> str:
     for f in fields(config):
         value = getattr(config, f.name)
         if not dataclasses.is_dataclass(value):
-            lines += _yaml_setting(f, value, "", comments)
+            lines += yaml_lines(f, value, "", comments)
             continue
         about = (type(value).__doc__ or "").strip()
         lines += ["", f"# {about}"] if comments else []
         lines.append(f"{f.name}:")
         for inner in fields(value):
-            lines += _yaml_setting(inner, getattr(value, inner.name), "  ", comments)
+            lines += yaml_lines(inner, getattr(value, inner.name), "  ", comments)
     return "\n".join(lines).strip() + "\n"
 
 
@@ -287,26 +258,22 @@ def _plain_dict(items: list[tuple[str, Any]]) -> dict[str, Any]:
     return {key: list(value) if isinstance(value, tuple) else value for key, value in items}
 
 
-def _yaml_setting(f: "dataclasses.Field[Any]", value: Any, indent: str, comments: bool) -> list[str]:
-    import yaml
-
-    plain = list(value) if isinstance(value, tuple) else value
-    text = yaml.safe_dump(plain, default_flow_style=True, width=1000).strip().removesuffix("...").strip()
-    line = f"{indent}{f.name}: {text}"
-    if not comments:
-        return [line]
-    choices = f.metadata.get("choices")
-    about = f.metadata["about"] + (f" ({', '.join(choices)})" if choices else "")
-    return [f"{line:<44}# {about}"]
-
-
 def _read_yaml(file: Path) -> Any:
     import yaml
 
     try:
         return yaml.safe_load(file.read_text(encoding="utf-8")) or {}
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
         raise ConfigError(f"cannot read the configuration {file}: {error}") from error
+
+
+def _parsed(text: str, name: str) -> Any:
+    import yaml
+
+    try:
+        return yaml.safe_load(text)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise ConfigError(f"{name}: expected a value in YAML, got '{text}'") from error
 
 
 def _nested(keys: list[str], value: Any) -> dict[str, Any]:
@@ -323,55 +290,3 @@ def _merge(tree: dict[str, Any], news: Any, where: str) -> None:
             _merge(tree[key], value, where)
         else:
             tree[key] = value
-
-
-def _build(cls: Any, tree: Any, path: str) -> Any:
-    if not isinstance(tree, Mapping):
-        raise ConfigError(f"section '{path}': expected keys and values, got {tree!r}")
-    known = {f.name for f in fields(cls)}
-    hints = typing.get_type_hints(cls)
-    for key in tree:
-        if key not in known:
-            near = difflib.get_close_matches(str(key), known, n=1)
-            hint = f"; did you mean '{near[0]}'?" if near else f"; known: {', '.join(sorted(known))}"
-            raise ConfigError(f"unknown setting '{path}{key}'{hint}")
-    values = {}
-    for key, value in tree.items():
-        section = dataclasses.is_dataclass(hints[key])
-        values[key] = _build(hints[key], value, f"{path}{key}.") if section else value
-    return cls(**values)
-
-
-def _converted(value: Any, hint: Any, name: str) -> Any:
-    """`value` as the declared type; whole numbers pass as floats and lists as tuples, nothing else."""
-    if typing.get_origin(hint) in (types.UnionType, typing.Union):
-        if value is None:
-            return None
-        hint = next(a for a in typing.get_args(hint) if a is not types.NoneType)
-    if typing.get_origin(hint) is tuple:
-        parts = typing.get_args(hint)
-        if not isinstance(value, (list, tuple)) or len(value) != len(parts):
-            raise ConfigError(f"{name}: expected a list of {len(parts)} numbers, got {value!r}")
-        return tuple(_converted(v, part, name) for v, part in zip(value, parts, strict=True))
-    if hint is float and not isinstance(value, bool) and isinstance(value, (int, float, str)):
-        try:
-            number = float(value)  # YAML 1.1 reads 1e-3 as a string
-        except ValueError:
-            number = math.nan
-        if math.isfinite(number):
-            return number
-    elif isinstance(value, hint) and not (hint is int and isinstance(value, bool)):
-        return value
-    raise ConfigError(f"{name}: expected {hint.__name__}, got {value!r}")
-
-
-def _check_limits(value: Any, limits: Mapping[str, Any], name: str) -> None:
-    if value is None or not limits:
-        return
-    choices, low, high = limits["choices"], limits["minimum"], limits["maximum"]
-    if choices is not None and value not in choices:
-        raise ConfigError(f"{name}: expected one of {', '.join(choices)}, got '{value}'")
-    if low is not None and value < low:
-        raise ConfigError(f"{name}: expected at least {low:g}, got {value:g}")
-    if high is not None and value > high:
-        raise ConfigError(f"{name}: expected at most {high:g}, got {value:g}")

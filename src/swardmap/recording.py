@@ -168,8 +168,16 @@ def _mapped(
 
 
 def _chain(first: Frame, rest: Iterator[Frame]) -> Iterator[Frame]:
+    """All frames, as long as they are of one world: poses of two scenes do not go into one map."""
     yield first
-    yield from rest
+    scene = first.tags.get("scene")
+    for frame in rest:
+        if frame.T_map_camera is not None and frame.tags.get("scene") != scene:
+            raise InputError(
+                f"frame {frame.name} is of scene '{frame.tags.get('scene')}', the map of scene '{scene}': "
+                "each scene has a world of its own; map them one by one"
+            )
+        yield frame
 
 
 def _mount(first: Frame, config: Config) -> tuple[Pose | None, str]:

@@ -11,9 +11,9 @@ from typing import Any
 
 import yaml
 
-from swardmap.config import _build, _Checked, setting
 from swardmap.errors import ConfigError
 from swardmap.labels import GRASS_OBSTACLE, GRASS_OBSTACLE_PERSON, LabelSet, Role
+from swardmap.settings import Checked, build, setting
 
 LABEL_SETS: Mapping[str, LabelSet] = {
     "grass-obstacle": GRASS_OBSTACLE,
@@ -23,7 +23,7 @@ ENCODER_NAMES = ("resnet18", "resnet34", "efficientnet-lite0", "efficientnet-lit
 
 
 @dataclass(frozen=True)
-class NetworkConfig(_Checked):
+class NetworkConfig(Checked):
     """Which network."""
 
     encoder: str = setting("efficientnet-lite2", "", choices=ENCODER_NAMES)
@@ -52,7 +52,7 @@ class NetworkConfig(_Checked):
 
 
 @dataclass(frozen=True)
-class ScheduleConfig(_Checked):
+class ScheduleConfig(Checked):
     """How it learns."""
 
     steps: int = setting(1200, "", minimum=1)
@@ -76,7 +76,7 @@ class ScheduleConfig(_Checked):
 
 
 @dataclass(frozen=True)
-class DataConfig(_Checked):
+class DataConfig(Checked):
     """One data set: a folder of images and masks, or a recording with true labels (folder, EDEN)."""
 
     name: str = setting("", "what to call it")
@@ -104,7 +104,7 @@ class DataConfig(_Checked):
 
 
 @dataclass(frozen=True)
-class TeacherConfig(_Checked):
+class TeacherConfig(Checked):
     """A network that labels photos nobody labelled; it must give logits, classes first."""
 
     file: str = setting("", ".onnx file, relative to the data root")
@@ -170,10 +170,10 @@ def recipe_from_dict(tree: Any, where: str = "recipe") -> Recipe:
             raise ConfigError(f"{where}: expected a list under '{key}', got {type(value).__name__}")
     return Recipe(
         name=str(tree["name"]),
-        network=_build(NetworkConfig, tree.get("network") or {}, "network."),
-        schedule=_build(ScheduleConfig, tree.get("schedule") or {}, "schedule."),
-        data=tuple(_build(DataConfig, d, f"data[{i}].") for i, d in enumerate(lists["data"])),
-        teachers=tuple(_build(TeacherConfig, t, f"teachers[{i}].") for i, t in enumerate(lists["teachers"])),
+        network=build(NetworkConfig, tree.get("network") or {}, "network."),
+        schedule=build(ScheduleConfig, tree.get("schedule") or {}, "schedule."),
+        data=tuple(build(DataConfig, d, f"data[{i}].") for i, d in enumerate(lists["data"])),
+        teachers=tuple(build(TeacherConfig, t, f"teachers[{i}].") for i, t in enumerate(lists["teachers"])),
         licence=str(tree.get("licence", "")),
     )
 
