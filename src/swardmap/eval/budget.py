@@ -14,7 +14,7 @@ from swardmap.config import Config
 from swardmap.errors import InvalidValueError
 from swardmap.eval.confusion import Share
 from swardmap.eval.distances import DistanceSummary
-from swardmap.eval.maps import compare_maps, dense, frame_map, true_segmentation
+from swardmap.eval.maps import FrameMaps, compare_maps, dense, spec_of, true_segmentation
 from swardmap.eval.tally import MapTally
 from swardmap.geometry import Pose
 from swardmap.types import Frame, Segmentation
@@ -103,33 +103,35 @@ def missing_stages(has_clean_depth: bool, has_pose_noise: bool) -> dict[str, str
     return missing
 
 
-def budget(sides: RealAndTrue, config: Config) -> dict[str, MapTally]:
+def budget(sides: RealAndTrue, config: Config, maps: FrameMaps | None = None) -> dict[str, MapTally]:
     """Map a frame once for each rung that can be run, each against the same reference.
 
     Args:
         sides: true and real of every stage.
         config: of the robot; range and height limits hold in every rung.
+        maps: those already made of this frame.
 
     Returns:
         Rung -> tally; rungs that need what the data lacks are left out, see `missing_stages`.
     """
     true_frame = sides.clean or sides.frame
-    reference = frame_map(true_frame, true_segmentation(true_frame), sides.T_map_camera, dense(config))
+    spec, make = spec_of(true_frame, sides.T_map_camera, config), maps or FrameMaps()
+    true_mask = true_segmentation(true_frame)
+    reference = make(true_frame, true_mask, sides.T_map_camera, dense(config), spec)
     missing = missing_stages(sides.clean is not None, sides.T_real is not None)
     tallies: dict[str, MapTally] = {}
-    done: dict[frozenset[str], MapTally] = {}
+    done: dict[int, MapTally] = {}
     for rung, wanted in RUNGS.items():
         if rung.split()[-1] in missing or rung.split()[0] in missing:
             continue
         real = wanted.difference(missing)
-        if real not in done:
-            frame = sides.frame if "depth" in real else true_frame
-            mask = sides.segmentation if "mask" in real else true_segmentation(frame)
-            pose = sides.T_real if "pose" in real and sides.T_real is not None else sides.T_map_camera
-            settings = config if "processing" in real else dense(config)
-            predicted = frame_map(frame, mask, pose, settings, reference.spec)
-            done[real] = compare_maps(reference, predicted, sides.T_map_camera.position_m[:2]).tally
-        tallies[rung] = done[real]
+        frame = sides.frame if "depth" in real else true_frame
+        mask = sides.segmentation if "mask" in real else true_mask
+        pose = sides.T_real if "pose" in real and sides.T_real is not None else sides.T_map_camera
+        predicted = make(frame, mask, pose, config if "processing" in real else dense(config), spec)
+        if id(predicted) not in done:
+            done[id(predicted)] = compare_maps(reference, predicted, sides.T_map_camera.position_m[:2]).tally
+        tallies[rung] = done[id(predicted)]
     return tallies
 
 

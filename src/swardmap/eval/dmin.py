@@ -1,6 +1,7 @@
 """d_min-obst (Eq. 3): how far a missed obstacle cell is from the nearest one that was found."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,8 +61,7 @@ class Misses:
 
     def d_min_m(self, resolution_m: float) -> NDArray[np.float64]:
         """(N,) float64 d_min-obst of each FN cell in metres; infinite where the map has no TP cell."""
-        distance = np.sqrt(np.maximum(self.squared, 0).astype(np.float64)) * resolution_m
-        return np.where(self.squared == NO_HIT, np.inf, distance)
+        return _metres(self.squared, resolution_m)
 
 
 def d_min_obst(
@@ -86,7 +86,9 @@ def d_min_obst(
     >>> d_min_obst(reference, predicted, resolution_m=1.0).round(4).tolist()
     [3.1623]
     """
-    return find_misses(reference, predicted).d_min_m(resolution_m)
+    cells = _gather(reference, predicted)
+    squared, _ = _nearest(cells.misses, cells.hits, cells.person_hits, reference.shape)
+    return _metres(squared, resolution_m)
 
 
 def find_misses(reference: NDArray[np.uint8], predicted: NDArray[np.uint8]) -> Misses:
@@ -96,22 +98,10 @@ def find_misses(reference: NDArray[np.uint8], predicted: NDArray[np.uint8]) -> M
         reference: (height, width) uint8 MapClass.
         predicted: the same of the map to be judged.
     """
-    if reference.shape != predicted.shape or {reference.dtype, predicted.dtype} != {np.dtype(np.uint8)}:
-        raise InvalidValueError(
-            f"maps: expected two uint8 arrays of one shape, got {reference.dtype} {reference.shape} "
-            f"and {predicted.dtype} {predicted.shape}"
-        )
     from swardmap.kernels import metrics as kernel
 
+    truth, called, hazards, misses, hits, person_hits = _gather(reference, predicted)
     height, width = reference.shape
-    truth, called = np.ascontiguousarray(reference).ravel(), np.ascontiguousarray(predicted).ravel()
-    counts = np.empty((kernel.CODES, kernel.CODES), np.int64)
-    kernel.count_pairs(truth, called, counts)
-    of_hazard = counts[MapClass.OBSTACLE :].sum(axis=0)
-    sizes = (of_hazard.sum(), *of_hazard[[MapClass.GRASS, MapClass.OBSTACLE, MapClass.PERSON]])
-    hazards, misses, hits, person_hits = (np.empty(n, np.int64) for n in sizes)
-    kernel.gather_cells(truth, called, hazards, misses, hits, person_hits)
-
     squared, from_person = _nearest(misses, hits, person_hits, reference.shape)
     component = np.empty(len(hazards), np.int32)
     groups = kernel.connected_cells(truth, hazards, height, width, component)
@@ -127,6 +117,41 @@ def find_misses(reference: NDArray[np.uint8], predicted: NDArray[np.uint8]) -> M
         missed=_missed_obstacles(truth, called, hazards, component, group_hits, width),
         hits=len(hits) + len(person_hits),
     )
+
+
+class _Cells(NamedTuple):
+    """Both maps flat, and flat indices of the cells that matter (see `kernels.metrics.gather_cells`)."""
+
+    truth: NDArray[np.uint8]
+    called: NDArray[np.uint8]
+    hazards: NDArray[np.int64]
+    misses: NDArray[np.int64]
+    hits: NDArray[np.int64]
+    person_hits: NDArray[np.int64]
+
+
+def _gather(reference: NDArray[np.uint8], predicted: NDArray[np.uint8]) -> _Cells:
+    if reference.shape != predicted.shape or {reference.dtype, predicted.dtype} != {np.dtype(np.uint8)}:
+        raise InvalidValueError(
+            f"maps: expected two uint8 arrays of one shape, got {reference.dtype} {reference.shape} "
+            f"and {predicted.dtype} {predicted.shape}"
+        )
+    from swardmap.kernels import metrics as kernel
+
+    truth, called = np.ascontiguousarray(reference).ravel(), np.ascontiguousarray(predicted).ravel()
+    counts = np.empty((kernel.CODES, kernel.CODES), np.int64)
+    kernel.count_pairs(truth, called, counts)
+    _, grass, obstacle, person, *_ = of_hazard = counts[MapClass.OBSTACLE :].sum(axis=0).tolist()
+    sizes = (sum(of_hazard), grass, obstacle, person)
+    hazards, misses, hits, person_hits = (np.empty(n, np.int64) for n in sizes)
+    kernel.gather_cells(truth, called, hazards, misses, hits, person_hits)
+    return _Cells(truth, called, hazards, misses, hits, person_hits)
+
+
+def _metres(squared: NDArray[np.int64], resolution_m: float) -> NDArray[np.float64]:
+    """Squared distances in cells as metres; infinite for NO_HIT."""
+    distance = np.sqrt(np.maximum(squared, 0).astype(np.float64)) * resolution_m
+    return np.where(squared == NO_HIT, np.inf, distance)
 
 
 def nearest_hits(

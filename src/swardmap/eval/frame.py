@@ -15,7 +15,7 @@ from swardmap.errors import InputError, InvalidValueError, SwardmapError
 from swardmap.eval.budget import PoseNoise, RealAndTrue, budget, noisy_pose
 from swardmap.eval.confusion import aligned_masks, confusion_of_masks
 from swardmap.eval.dataset import DatasetSpec, Numbered, read_frames
-from swardmap.eval.maps import PROTOCOLS, MapComparison, at_resolution, compare_frame
+from swardmap.eval.maps import PROTOCOLS, FrameMaps, MapComparison, at_resolution, compare_frame
 from swardmap.geometry import Pose
 from swardmap.labels import LabelSet
 from swardmap.models import build_segmenter
@@ -142,11 +142,11 @@ def evaluate_frame(plan: Plan, numbered: Numbered, segmenter: Segmenter) -> dict
     segmentation = segmenter(frame).confident(plan.config.segmenter.min_confidence)
     truth, called = aligned_masks(frame.labels, frame.label_set, segmentation)
     pose = pose_of(plan, frame)
-    maps, missed = {}, []
+    maps, missed, made = {}, [], FrameMaps()
     for protocol in plan.protocols:
         for resolution_m in plan.resolutions_m:
             config = at_resolution(plan.config, resolution_m)
-            found = compare_frame(frame, segmentation, pose, config, protocol, numbered.clean)
+            found = compare_frame(frame, segmentation, pose, config, protocol, numbered.clean, made)
             key = map_key(protocol, resolution_m)
             maps[key] = found.tally.to_dict()
             if key == plan.main:
@@ -158,7 +158,7 @@ def evaluate_frame(plan: Plan, numbered: Numbered, segmenter: Segmenter) -> dict
         "mask": confusion_of_masks(truth, called, segmentation.label_set).to_dict(),
         "maps": maps,
         "missed": missed,
-        "budget": _budget(plan, numbered, frame, segmentation, pose) if plan.with_budget else {},
+        "budget": _budget(plan, numbered, frame, segmentation, pose, made) if plan.with_budget else {},
     }
 
 
@@ -196,13 +196,13 @@ def _segmenter(config: SegmenterConfig, label_set: LabelSet | None) -> Segmenter
 
 
 def _budget(
-    plan: Plan, numbered: Numbered, frame: Frame, segmentation: Segmentation, pose: Pose
+    plan: Plan, numbered: Numbered, frame: Frame, segmentation: Segmentation, pose: Pose, made: FrameMaps
 ) -> dict[str, Any]:
     noise = plan.pose_noise
     moves = noise != replace(noise, xy_m=0, yaw_deg=0, tilt_deg=0)
     real = noisy_pose(pose, noise, plan.seed, numbered.index) if moves else None
     sides = RealAndTrue(frame, segmentation, pose, numbered.clean, real)
-    tallies = budget(sides, at_resolution(plan.config, plan.resolutions_m[0]))
+    tallies = budget(sides, at_resolution(plan.config, plan.resolutions_m[0]), made)
     return {rung: tally.to_dict() for rung, tally in tallies.items()}
 
 

@@ -70,6 +70,23 @@ def compare_maps(
     return MapComparison(reference, predicted, misses, tally)
 
 
+class FrameMaps:
+    """The maps of one frame, each made once however many comparisons ask for it."""
+
+    def __init__(self) -> None:
+        self._made: dict[tuple[object, ...], tuple[OccupancyGrid, Frame, Segmentation, Pose]] = {}
+
+    def __call__(
+        self, frame: Frame, segmentation: Segmentation, T_map_camera: Pose, config: Config, spec: GridSpec
+    ) -> OccupancyGrid:
+        """The same as `frame_map`; what it was made of is kept, so that no other object takes its id."""
+        key = (id(frame.depth), id(segmentation.labels), id(T_map_camera), config, spec)
+        if key not in self._made:
+            grid = frame_map(frame, segmentation, T_map_camera, config, spec)
+            self._made[key] = grid, frame, segmentation, T_map_camera
+        return self._made[key][0]
+
+
 @lru_cache(maxsize=32)  # building a configuration checks every setting
 def protocol_configs(config: Config, protocol: str) -> tuple[Config, Config]:
     """Settings of the reference map and of the predicted map.
@@ -115,12 +132,15 @@ def frame_map(
         config: filters, resolution, points a cell needs.
         spec: grid to use; None = all that the camera can see.
     """
-    spec = spec or view_spec(
-        frame.intrinsics, T_map_camera, config.cloud.max_range_m, config.grid.resolution_m
-    )
+    spec = spec or spec_of(frame, T_map_camera, config)
     road = fused_grid if config.road == "fused" else staged_grid
     grid, _ = road(frame, segmentation, T_map_camera, spec, config.cloud, config.grid.min_points)
     return grid
+
+
+def spec_of(frame: Frame, T_map_camera: Pose, config: Config) -> GridSpec:
+    """The grid of all that a camera can see."""
+    return view_spec(frame.intrinsics, T_map_camera, config.cloud.max_range_m, config.grid.resolution_m)
 
 
 def compare_frame(
@@ -130,6 +150,7 @@ def compare_frame(
     config: Config,
     protocol: str = "dense",
     clean: Frame | None = None,
+    maps: FrameMaps | None = None,
 ) -> MapComparison:
     """The map of one frame against its reference map.
 
@@ -141,14 +162,17 @@ def compare_frame(
         protocol: see PROTOCOLS.
         clean: the same frame with clean depth, which the dense reference is then made of; the paper's
             reference takes the sensor's depth, as its annotated clouds do.
+        maps: those already made of this frame.
 
     Raises:
         InputError: if the frame has no labels.
     """
     of_reference, of_predicted = protocol_configs(config, protocol)
     truth = clean if clean is not None and protocol == "dense" else frame
-    reference = frame_map(truth, true_segmentation(truth), T_map_camera, of_reference)
-    predicted = frame_map(frame, segmentation, T_map_camera, of_predicted, reference.spec)
+    spec = spec_of(frame, T_map_camera, config)
+    make = maps or FrameMaps()
+    reference = make(truth, true_segmentation(truth), T_map_camera, of_reference, spec)
+    predicted = make(frame, segmentation, T_map_camera, of_predicted, spec)
     return compare_maps(reference, predicted, T_map_camera.position_m[:2])
 
 

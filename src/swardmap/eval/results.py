@@ -187,7 +187,8 @@ def margin_section(plan: Plan, records: Sequence[Record], options: MarginOptions
     tags = {tag for r in records for tag in r["tags"]}
     if records and options.unit not in {"frame", *tags}:
         raise InvalidValueError(
-            f"margin: no frame has the tag '{options.unit}'; expected frame or one of: {', '.join(sorted(tags))}"
+            f"margin: no frame has the tag '{options.unit}'; "
+            f"expected frame or one of: {', '.join(sorted(tags))}"
         )
     others = [tag for tag in ("sequence", "scene") if tag in tags][:1]
     wanted = list(dict.fromkeys([options.unit, "frame", *others]))
