@@ -124,7 +124,8 @@ class GridConfig(Checked):
     """The occupancy grid (Sec. 3.5)."""
 
     resolution_m: float = setting(0.05, "edge of a cell", minimum=1e-3, maximum=10)
-    min_points: int = setting(3, "points a cell needs to be cleared or marked", minimum=1)
+    min_points: int = setting(1, "points of obstacle or person that mark a cell", minimum=1)
+    min_grass_points: int = setting(3, "points of grass that clear a cell", minimum=1)
     origin_m: tuple[float, float] | None = setting(
         None, "outer corner of cell (0, 0); none = grows with what is seen"
     )
@@ -264,7 +265,8 @@ def _read_yaml(file: Path) -> Any:
     try:
         return yaml.safe_load(file.read_text(encoding="utf-8")) or {}
     except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
-        raise ConfigError(f"cannot read the configuration {file}: {error}") from error
+        reason = " ".join(str(error).split())  # YAML's errors draw the place over several lines
+        raise ConfigError(f"cannot read the configuration {file}: {reason}") from error
 
 
 def _parsed(text: str, name: str) -> Any:

@@ -101,8 +101,10 @@ def map_recording(
     config = config or Config()
     if out is None:
         return _mapped(recording, config, segmenter, None, on_step)
-    from swardmap.io.files import new_output_folder
+    from swardmap.io.files import new_output_folder, refuse_to_replace
 
+    if isinstance(recording, (str, Path)):
+        refuse_to_replace(recording, out)
     interrupted = False
     with new_output_folder(out, overwrite) as folder:
         try:

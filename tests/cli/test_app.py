@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -12,8 +13,11 @@ import yaml
 from swardmap import __version__
 from swardmap.cli.app import app, run
 from swardmap.config import Config, config_from_dict
+from swardmap.errors import OutputError
 from swardmap.geometry import Intrinsics
+from swardmap.io.files import MARKER
 from swardmap.io.folder import write_folder
+from swardmap.recording import map_recording
 from swardmap.synth.analytic import AnalyticSource, garden_scene, lane_poses
 
 SMALL = Intrinsics(160, 120, 115.0, 115.0, 79.5, 59.5)
@@ -85,7 +89,7 @@ def test_an_option_wins_over_set_file_and_environment(
      (["map", "{rec}", "-o", "out", "--set", "grid.nonsense=0"], "unknown setting"),
      (["map", "{rec}", "-o", "out", "--segmenter", "missing.onnx"], "missing.onnx"),
      (["map", "{rec}", "-o", "out", "--format", "zip"], "one of"),
-     (["map", "{rec}", "-o", "{rec}"], "not empty"),
+     (["map", "{rec}", "-o", "{rec}"], "holds the recording itself"),
      (["map", "{rec}", "-o", "/proc/nowhere/out"], "/proc/nowhere"),
      (["config", "-c", "nowhere.yaml"], "cannot read"),
      (["convert", "nowhere.yaml", "out.png"], "nowhere.yaml")],
@@ -147,3 +151,26 @@ def test_demo_from_the_command_line(tmp_path: Path) -> None:
     again = subprocess.run(command, capture_output=True, text=True, check=False)
     assert again.returncode == 1
     assert "--overwrite" in again.stderr
+
+
+@pytest.mark.parametrize("out", ["", ".."])
+def test_overwrite_never_replaces_the_recording(
+    recording: Path, tmp_path: Path, out: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mine = tmp_path / "drives" / "one"
+    shutil.copytree(recording, mine)  # written by swardmap, so it holds the marker
+    (mine.parent / MARKER).write_text("")
+    before = sorted(mine.rglob("*"))
+    assert run(["map", str(mine), "-o", str(mine / out), "--overwrite", "--pictures", "0"]) == 1
+    assert "holds the recording itself" in one_line(capsys)
+    with pytest.raises(OutputError, match="holds the recording itself"):
+        map_recording(mine, mine / out, overwrite=True)
+    assert sorted(mine.rglob("*")) == before
+
+
+def test_a_broken_settings_file_is_told_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "c.yaml").write_text("grid: {a: [\n")
+    assert run(["config", "-c", str(tmp_path / "c.yaml")]) == 1
+    assert "line 2, column 1" in one_line(capsys)

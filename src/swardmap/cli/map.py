@@ -47,8 +47,10 @@ def map_command(
     chosen = settings(config, overrides)
 
     from swardmap.io import open_source
+    from swardmap.io.files import refuse_to_replace
     from swardmap.recording import map_recording
 
+    refuse_to_replace(source, out)
     frames = open_source(source, chosen.source)
     with Progress(frames.frame_count, quiet=as_json) as on_step:
         run = map_recording(frames, out, chosen, overwrite=overwrite, on_step=on_step)

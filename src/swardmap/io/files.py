@@ -129,6 +129,19 @@ def new_output_folder(path: str | Path, overwrite: bool = False) -> Iterator[Pat
         shutil.rmtree(staging, ignore_errors=True)
 
 
+def refuse_to_replace(source: str | Path, out: str | Path) -> None:
+    """Hold that writing results to `out` cannot delete the recording they are made of.
+
+    Raises:
+        OutputError: if `out` is `source`, or a folder around it that is in use.
+    """
+    target = Path(out).resolve()
+    if target in (Path(source).resolve(), *Path(source).resolve().parents) and target.is_dir():
+        raise OutputError(
+            f"{target} holds the recording itself ({source}): choose another folder for the results"
+        )
+
+
 def inside(folder: Path, name: str) -> Path:
     """`folder / name`, for a name that comes from a file.
 
