@@ -74,6 +74,8 @@ def test_cell_rules() -> None:
     )[:, None, :]  # fmt: skip
     u, g, o, p = MapClass
     assert classify_cells(points, 3).ravel().tolist() == [u, u, g, o, g, o, p, p, u]
+    # marked by a single point, cleared by three: the defaults, as a miss costs more than a false alarm
+    assert classify_cells(points, 1, 3).ravel().tolist() == [u, u, g, o, o, p, p, p, p]
 
 
 @given(class_arrays, class_arrays)

@@ -97,7 +97,8 @@ class ObstacleMapper:
 
         spec = self._window(frame.intrinsics, T_map_camera)
         road = fused_grid if config.road == "fused" else staged_grid
-        seen, counts = road(frame, segmentation, T_map_camera, spec, config.cloud, config.grid.min_points)
+        k_mark, k_clear = config.grid.min_points, config.grid.min_grass_points
+        seen, counts = road(frame, segmentation, T_map_camera, spec, config.cloud, k_mark, k_clear)
         gridded = perf_counter()
 
         if frame.T_map_camera is not None:
