@@ -112,7 +112,7 @@ def map_recording(
         except _InterruptedError as stop:
             run, interrupted = stop.run, True
     if interrupted:
-        raise KeyboardInterrupt
+        raise KeyboardInterrupt(f"{out} holds the {run.totals.frames} frames that were finished")
     return run
 
 

@@ -3,8 +3,10 @@
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -174,3 +176,24 @@ def test_a_broken_settings_file_is_told_in_one_line(
     (tmp_path / "c.yaml").write_text("grid: {a: [\n")
     assert run(["config", "-c", str(tmp_path / "c.yaml")]) == 1
     assert "line 2, column 1" in one_line(capsys)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_stopped_run_keeps_what_it_finished(tmp_path: Path, number: signal.Signals) -> None:
+    command = [sys.executable, "-m", "swardmap", "demo", "--frames", "500", "-o", str(tmp_path / "out")]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as running:
+        while not any(tmp_path.glob(".out.*/frames/*.png")):
+            assert running.poll() is None
+            time.sleep(0.02)
+        running.send_signal(number)
+        _, said = running.communicate(timeout=60)
+    summary = json.loads((tmp_path / "out/summary.json").read_text())
+    assert running.returncode == 130
+    assert (
+        said
+        == f"swardmap: interrupted: {tmp_path}/out holds the {summary['frames']} frames that were finished\n"
+    )
+    assert summary["interrupted"]
+    pictures = len(list((tmp_path / "out/frames").glob("*.png")))
+    assert summary["frames"] - 1 <= pictures <= summary["frames"]  # it may have been at the last one
+    assert [p.name for p in tmp_path.iterdir()] == ["out"]
