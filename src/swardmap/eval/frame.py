@@ -39,6 +39,7 @@ class Plan:
         with_budget: run the budget.
         seed: of the pose noise and of every bootstrap.
         T_base_camera: mount for frames without pose: 16 numbers, row by row.
+        network: digest of the network file, if there is one.
     """
 
     dataset: DatasetSpec
@@ -49,6 +50,7 @@ class Plan:
     with_budget: bool = True
     seed: int = 0
     T_base_camera: tuple[float, ...] | None = None
+    network: str = ""
 
     def __post_init__(self) -> None:
         wrong = [p for p in self.protocols if p not in PROTOCOLS]
@@ -86,6 +88,7 @@ class Plan:
             with_budget=plain["with_budget"],
             seed=plain["seed"],
             T_base_camera=None if mount is None else tuple(mount),
+            network=plain["network"],
         )
 
     @property
