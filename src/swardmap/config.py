@@ -169,7 +169,9 @@ class CostmapConfig(Checked):
 class OutputConfig(Checked):
     """What `map` writes."""
 
-    pictures: int = setting(1, "a picture of every n-th frame; 0 = none", minimum=0)
+    pictures: int | None = setting(
+        None, "a picture of every n-th frame; 0 = none; none = about 50 of the recording", minimum=0
+    )
     clouds: str = setting("none", "labelled cloud of each frame", choices=("none", "pcd", "ply"))
     frame_maps: bool = setting(False, "one standalone map a frame as well (the paper's evaluation)")
 

@@ -139,7 +139,7 @@ def _mapped(
     if folder is not None:
         from swardmap.io.run_files import RunWriter
 
-        writer = RunWriter(folder, config)
+        writer = RunWriter(folder, config, source.frame_count)
     frames = iter(source)
     first = next(frames, None)
     if first is None:

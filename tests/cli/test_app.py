@@ -180,7 +180,8 @@ def test_a_broken_settings_file_is_told_in_one_line(
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_stopped_run_keeps_what_it_finished(tmp_path: Path, number: signal.Signals) -> None:
-    command = [sys.executable, "-m", "swardmap", "demo", "--frames", "500", "-o", str(tmp_path / "out")]
+    command = [sys.executable, "-m", "swardmap", "demo", "--frames", "500", "-o", str(tmp_path / "out"),
+               "--set", "output.pictures=1"]  # fmt: skip
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as running:
         while not any(tmp_path.glob(".out.*/frames/*.png")):
             assert running.poll() is None

@@ -27,7 +27,9 @@ def map_command(
     margin: Annotated[
         float | None, typer.Option(help="Margin in metres that obstacles are grown by.")
     ] = None,
-    pictures: Annotated[int | None, typer.Option(help="A picture of every n-th frame; 0 = none.")] = None,
+    pictures: Annotated[
+        int | None, typer.Option(help="A picture of every n-th frame; 0 = none. Without it: about 50.")
+    ] = None,
     clouds: Annotated[str | None, typer.Option(help="Cloud of each frame: none, pcd, ply.")] = None,
     config: ConfigFile = None,
     set_: Settings = None,
