@@ -97,6 +97,12 @@ class Plan:
         return sha256(self.to_json().encode()).hexdigest()[:16]
 
     @property
+    def segmenter_name(self) -> str:
+        """What a report calls the segmenter; a network file with the head of its digest."""
+        name = self.config.segmenter.name
+        return f"{name} (network {self.network[:8]})" if self.network else name
+
+    @property
     def main(self) -> str:
         """Key of the maps that the margin, the budget and the gallery are about."""
         return map_key(self.protocols[0], self.resolutions_m[0])

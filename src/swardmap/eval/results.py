@@ -42,7 +42,7 @@ def results(
         "fingerprint": plan.fingerprint,
         "command": command,
         "dataset": plan.dataset.location,
-        "segmenter": plan.config.segmenter.name,
+        "segmenter": plan.segmenter_name,
         "main": plan.main,
         "frames": {
             "total": len(records),
