@@ -79,7 +79,7 @@ class ObstacleMapper:
     ) -> None:
         self.segmenter = segmenter
         self.config = config or Config()
-        self._T_base_camera = T_base_camera
+        self.T_base_camera = T_base_camera
         self._mapper: GridMapper | None = None
         self._last_stamp_ns: int | None = None
 
@@ -126,14 +126,14 @@ class ObstacleMapper:
     def _pose_of(self, frame: Frame) -> Pose:
         if frame.T_map_camera is not None:
             return frame.T_map_camera
-        if self._T_base_camera is None:
-            self._T_base_camera = configured_mount(self.config.mount)
-        if self._T_base_camera is None:
+        if self.T_base_camera is None:
+            self.T_base_camera = configured_mount(self.config.mount)
+        if self.T_base_camera is None:
             raise InputError(
                 f"frame {frame.name or frame.stamp_ns} has no pose and the mount is not known: "
                 "set mount.height_m and mount.pitch_deg"
             )
-        return self._T_base_camera
+        return self.T_base_camera
 
     def _check_clock(self, frame: Frame) -> None:
         last = self._last_stamp_ns
