@@ -263,7 +263,7 @@ def update_grid(grid: OccupancyGrid, seen: OccupancyGrid) -> OccupancyGrid:
     window, news = classes[there], seen.classes[here]
     window[news == MapClass.GRASS] = MapClass.GRASS
     hazard = news >= MapClass.OBSTACLE
-    window[hazard] = news[hazard]
+    np.maximum(window, news, out=window, where=hazard)  # a person stays one until grass is seen
     return replace(grid, classes=classes, stamp_ns=max(grid.stamp_ns, seen.stamp_ns))
 
 
