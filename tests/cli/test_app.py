@@ -1,5 +1,6 @@
 """The verbs as a user types them: exit codes, one clear line for a known error, help with an example."""
 
+import errno
 import json
 import os
 import shutil
@@ -198,3 +199,17 @@ def test_a_stopped_run_keeps_what_it_finished(tmp_path: Path, number: signal.Sig
     pictures = len(list((tmp_path / "out/frames").glob("*.png")))
     assert summary["frames"] - 1 <= pictures <= summary["frames"]  # it may have been at the last one
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
+
+
+@pytest.mark.parametrize(
+    "error", [PermissionError(errno.EACCES, "Permission denied"), OSError(errno.EIO, "Input/output error")]
+)
+def test_a_place_that_may_not_be_looked_at_is_one_line(
+    error: OSError, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise error
+
+    monkeypatch.setattr(Path, "exists", refuse)  # as below a folder that is closed to us
+    assert run(["map", str(tmp_path / "x"), "-o", "out"]) == 1
+    assert f"cannot read {tmp_path}/x: {error.strerror}" in one_line(capsys)

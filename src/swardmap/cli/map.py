@@ -17,8 +17,10 @@ Examples:
 
 
 def map_command(
-    source: Annotated[Path, typer.Argument(help="Recording: a folder, a ROS bag, an MCAP file.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.")],
+    source: Annotated[
+        Path, typer.Argument(help="Recording: a folder, a ROS bag, an MCAP file.", readable=False)
+    ],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.", readable=False)],
     kind: Annotated[
         str | None, typer.Option("--format", help="Kind of recording, if it is not recognised.")
     ] = None,
