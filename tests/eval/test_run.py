@@ -18,10 +18,11 @@ from swardmap.errors import ConfigError, InputError, InvalidValueError, OutputEr
 from swardmap.eval import dataset as dataset_module
 from swardmap.eval.compare import compare_runs
 from swardmap.eval.dataset import DatasetSpec, count_frames, read_frames
-from swardmap.eval.frame import Plan, evaluate_part
+from swardmap.eval.frame import Plan, evaluate_part, pose_of
 from swardmap.eval.gardens import AnalyticGardens
 from swardmap.eval.results import results
 from swardmap.eval.run import evaluate, make_plan, parts_of, read_plan, read_records
+from swardmap.synth.analytic import AnalyticSource, lane_poses
 
 TRUTH = config_from_dict({"segmenter": {"name": "truth"}})
 COLOUR = config_from_dict({"segmenter": {"name": "colour"}})
@@ -241,6 +242,7 @@ def test_runs_side_by_side(tmp_path: Path) -> None:
 SCRIPT = """
 import sys
 from swardmap.eval.run import evaluate, read_plan
+from swardmap.synth.analytic import AnalyticSource, lane_poses
 from swardmap.eval.frame import Plan
 if __name__ == "__main__":
     evaluate(Plan.from_json(open(sys.argv[1]).read()), sys.argv[2], workers=2)
@@ -273,3 +275,14 @@ def test_killed_three_times_at_random_the_result_is_that_of_an_undisturbed_run(t
     assert killed == 3
     assert 0 < len(list(parts.glob("*.jsonl"))) < 20
     assert evaluate(plan, tmp_path / "killed", workers=2) == expected
+
+
+@pytest.mark.parametrize("height_m", [0.7, 1.2])
+def test_without_a_pose_the_mount_is_measured_frame_by_frame(height_m: float) -> None:
+    poses = tuple(lane_poses(1, height_m=height_m, pitch_deg=25.0))
+    frame = replace(next(iter(AnalyticSource(poses=poses))), T_map_camera=None)
+    assert pose_of(small_plan(), frame).position_m[2] == pytest.approx(height_m, abs=5e-3)
+    configured = make_plan(
+        DatasetSpec(GARDENS), config_from_dict({"mount": {"height_m": 2.0, "pitch_deg": 10.0}})
+    )
+    assert pose_of(configured, frame).position_m[2] == pytest.approx(2.0)

@@ -38,7 +38,7 @@ class Plan:
         pose_noise: of the budget's last rung.
         with_budget: run the budget.
         seed: of the pose noise and of every bootstrap.
-        T_base_camera: mount for frames without pose: 16 numbers, row by row.
+        T_base_camera: mount for frames without pose: 16 numbers, row by row; None = measured frame by frame.
         network: digest of the network file, if there is one.
     """
 
@@ -182,15 +182,20 @@ def compare_again(
 
 
 def pose_of(plan: Plan, frame: Frame) -> Pose:
-    """Pose of a frame, or the mount where it has none.
+    """Pose of a frame; without one the configured mount, or that measured from this frame's ground.
+
+    Measured frame by frame, so that the result does not depend on how frames are split among processes.
+    The reference map and the predicted one share it.
 
     Raises:
-        InputError: if neither is known.
+        InputError: if there is no pose and no ground to be seen.
     """
     if frame.T_map_camera is not None:
         return frame.T_map_camera
     if plan.T_base_camera is None:
-        raise InputError("it has no pose, and the mount is not known: set mount.height_m and mount.pitch_deg")
+        from swardmap.level import estimate_mount
+
+        return estimate_mount(frame)
     return Pose("base", "camera", np.array(plan.T_base_camera).reshape(4, 4))
 
 

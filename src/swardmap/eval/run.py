@@ -32,7 +32,7 @@ OnDone = Callable[[int, int], None]
 
 
 def make_plan(dataset: DatasetSpec, config: Config | None = None, **options: Any) -> Plan:
-    """A plan for a data set, checked as far as that is cheap: labels there, mount known or measured.
+    """A plan for a data set, checked as far as that is cheap: labels there.
 
     Args:
         dataset: the frames.
@@ -51,12 +51,6 @@ def make_plan(dataset: DatasetSpec, config: Config | None = None, **options: Any
     mount = options.pop("T_base_camera", None)
     if mount is None and (pose := configured_mount(config.mount)) is not None:
         mount = tuple(pose.matrix.ravel().tolist())
-    elif mount is None:
-        first = next(iter(source), None)
-        if first is not None and first.T_map_camera is None:
-            from swardmap.level import estimate_mount
-
-            mount = tuple(estimate_mount(first).matrix.ravel().tolist())
     return Plan(dataset, config, T_base_camera=mount, network=_network_digest(config), **options)
 
 
