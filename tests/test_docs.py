@@ -24,9 +24,6 @@ ROOT = Path(__file__).parent.parent
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])
 TEXTS = {page.relative_to(ROOT).as_posix(): page.read_text(encoding="utf-8") for page in PAGES}
 
-AWAITED = {"docs/models.md"}
-"""Named, and still being written."""
-
 each_page = pytest.mark.parametrize("page", sorted(TEXTS))
 
 
@@ -71,7 +68,7 @@ def test_pages_that_are_named_exist(page: str) -> None:
     for name in re.findall(
         r"\b((?:docs|examples|benchmarks|tests|src)/[\w/.-]+\.(?:md|py|jpg|png))\b", TEXTS[page]
     ):
-        assert (ROOT / name).exists() or name in AWAITED, f"{page}: {name}"
+        assert (ROOT / name).exists(), f"{page}: {name}"
 
 
 @each_page
