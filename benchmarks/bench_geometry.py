@@ -36,6 +36,7 @@ from swardmap.synth.analytic import (
     render,
     with_sensor_noise,
 )
+from swardmap.synth.analytic_render import cast
 from swardmap.types import Frame, Segmentation
 
 CLOUD = CloudConfig(min_height_m=-4.0, max_height_m=4.0)  # the slopes rise and fall beyond the defaults
@@ -113,18 +114,23 @@ def with_bend(frame: Frame, bend_deg: float) -> Frame:
     return replace(frame, depth=depth, labels=labels)
 
 
-def erring(frame: Frame, rng: np.random.Generator) -> Segmentation:
-    """What a network may say: parts of the obstacles are grass to it, and a little of the lawn is not."""
+def erring(frame: Frame, surface: NDArray[np.int16], rng: np.random.Generator) -> Segmentation:
+    """What a network may say: parts of the obstacles are grass to it, and a little of the lawn is not.
+
+    Args:
+        frame: with true labels.
+        surface: (H, W) which solid or patch a pixel shows.
+        rng: source of chance.
+    """
     assert frame.labels is not None
     labels = frame.labels.copy()
     h, w = labels.shape
     obstacle = (labels == OTHER.id) | (labels == PERSON.id)
     blobs = cv2.resize(rng.random((h // 16, w // 16)), (w, h), interpolation=cv2.INTER_LINEAR)
     labels[obstacle & (blobs < np.quantile(blobs, SHARE_OF_SURFACE))] = GRASS.id
-    count, part = cv2.connectedComponents(obstacle.astype(np.uint8))
-    for i in range(1, count):
+    for index in np.unique(surface[obstacle]):
         if rng.random() < SHARE_OF_SOLIDS:
-            labels[part == i] = GRASS.id
+            labels[obstacle & (surface == index)] = GRASS.id
     blobs = cv2.resize(rng.random((h // 8, w // 8)), (w, h), interpolation=cv2.INTER_LINEAR)
     labels[(frame.labels == GRASS.id) & (blobs < np.quantile(blobs, SHARE_OF_LAWN))] = OTHER.id
     return Segmentation(labels, GRASS_OBSTACLE_PERSON)
@@ -146,7 +152,8 @@ def frames(case: Case, poses: list[Pose], seed: int = 0) -> Iterator[tuple[Frame
         exact = with_bend(with_pit(exact, case), case.bend_deg)
         noisy = with_sensor_noise(with_grass(exact, case.grass_m, rng), rng)
         there = Pose("map", "camera", turn @ pose.matrix)
-        mask = erring(exact, rng)
+        surface = cast(case.scene.at(exact.stamp_ns), case.scene.patches, VGA, pose).surface
+        mask = erring(exact, surface, rng)
         yield exact.with_pose(there), noisy.with_pose(there), mask
 
 

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from swardmap.config import CloudConfig, Config, GeometryConfig, config_from_dict
 from swardmap.errors import ConfigError, InvalidValueError
+from swardmap.eval.maps import compare_frame
 from swardmap.geometry import Intrinsics, Pose, deproject, mount_pose
 from swardmap.grid import GridSpec, OccupancyGrid
 from swardmap.ground import GroundEvidence, fuse, observe_ground
-from swardmap.labels import GRASS, GRASS_OBSTACLE_PERSON, LabelSet, MapClass
+from swardmap.labels import GRASS, GRASS_OBSTACLE_PERSON, VOID_ID, LabelSet, MapClass
 from swardmap.pipeline import ObstacleMapper, view_spec
 from swardmap.synth.analytic import (
     VGA,
@@ -294,3 +295,28 @@ def test_a_person_stays_a_person_and_grids_must_fit() -> None:
     other = OccupancyGrid.unknown(GridSpec(0.1, 4, 1, (1.0, 0.0)))
     with pytest.raises(InvalidValueError, match="one grid"):
         fuse(network, GroundEvidence(other, nothing, ground))
+
+
+@pytest.mark.parametrize("slope_deg", [0.0, 10.0])
+def test_both_together_miss_less_than_each_alone(slope_deg: float) -> None:
+    """A network to which everything on the left is grass; geometry that cannot see flat paths."""
+    exact = render(garden_scene(0), VGA, LANE)
+    frame = seen(garden_scene(0), slope_deg)
+    assert exact.labels is not None
+    assert frame.T_map_camera is not None
+    labels = exact.labels.copy()
+    labels[:, :320] = np.where(labels[:, :320] == VOID_ID, VOID_ID, GRASS.id)
+    mask = Segmentation(labels, GRASS_OBSTACLE_PERSON)
+    config = Config(cloud=CLOUD)
+    both = replace(config, geometry=ON)
+    compared = [
+        compare_frame(frame, mask, frame.T_map_camera, c, clean=exact.with_pose(frame.T_map_camera))
+        for c in (config, both)
+    ]
+    semantic, fused = (c.misses for c in compared)
+    assert len(fused.cells) < 0.4 * len(semantic.cells)
+    assert fused.d_min_m(0.05).mean() < semantic.d_min_m(0.05).mean()
+    truth = compared[0].reference.is_obstacle
+    alone = marks(frame).grid.is_obstacle
+    known = compared[0].predicted.classes > 0
+    assert (truth & known & ~alone).sum() > len(fused.cells)

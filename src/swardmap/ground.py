@@ -185,7 +185,7 @@ def fit_ground(sums: Sums, spec: GridSpec, config: GeometryConfig, min_points: i
 def _low_of_each(block: NDArray[np.int64], height_m: Float64) -> NDArray[np.intp]:
     """Index of the cell at the low quantile of each block's heights."""
     level = np.clip((height_m + 1000.0) * 10000.0, 0, 2**31 - 1).astype(np.int64)
-    order = np.argsort(block * 2**31 + level, kind="stable")
+    order = np.argsort(block * 2**31 + level)
     starts = np.flatnonzero(np.diff(block[order], prepend=-1))
     sizes = np.diff(starts, append=len(order))
     return order[starts + (LOW_SHARE * (sizes - 1)).astype(np.intp)]
@@ -321,12 +321,12 @@ def _fast_counts(
 ) -> NDArray[np.uint32]:
     from swardmap.kernels import ground as kernel
 
-    counts = np.empty((len(ground.offset_m), 2), np.uint32)
+    counts = np.empty(2 * len(ground.offset_m) + 1, np.uint32)
     kernel.count_off_ground(
         frame.depth, np.float32(frame.depth_unit_m), *frame.intrinsics.ray_tables(), up, limits, cells,
         ground.floor_m, ground.offset_m, counts,
     )  # fmt: skip
-    return counts
+    return counts[:-1].reshape(-1, 2)
 
 
 def _plain_counts(

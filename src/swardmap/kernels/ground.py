@@ -41,8 +41,8 @@ def sum_heights(  # type: ignore[no-untyped-def]
     Args:
         depth: (H, W) uint16 or float32.
         unit_m: float32 metres per unit of depth.
-        ray_x: (W,) float32; ray_y: (H,) float32 (Eq. 1).
-        ray_y: see ray_x.
+        ray_x: (W,) float32, x of K^-1 [u v 1] (Eq. 1).
+        ray_y: (H,) float32, y of the same.
         T: (3, 4) float32 T_grid_camera.
         limits: float32 near, far, relative, absolute (metres).
         needed: neighbours that must agree; 0 = no filter.
@@ -77,6 +77,26 @@ def sum_heights(  # type: ignore[no-untyped-def]
                 sums[row[u], 2] = min(sums[row[u], 2], np.int64(tenths[u]))
 
 
+@nb.njit(cache=True, nogil=True, inline="never")
+def _judge_row(depth, unit_m, ray_x, tail, up, limits, cell, floor_m, ground_m, index):  # type: ignore[no-untyped-def]
+    """Counter of each pixel of a row: of its cell's points above, or below, or the one for the rest."""
+    lowest, highest, hole, noise = limits
+    slope, start, zero, rest = up[0], up[3], np.float32(0), np.int32(2 * len(floor_m))
+    for u in range(index.shape[0]):
+        at = max(cell[u], np.int32(0))
+        z = np.float32(depth[u]) * unit_m
+        q = slope * ray_x[u] + tail
+        over = z * q + start
+        doubt = noise * (z * z) * q
+        doubt = doubt * doubt
+        rise, fall = over - floor_m[at], ground_m[at] - over
+        above = (rise > zero) & (rise * rise > lowest * lowest + doubt) & (rise <= highest)
+        below = (fall > zero) & (fall * fall > hole * hole + doubt)
+        i = np.int32(2) * at
+        i = i if above else (i + np.int32(1) if below else rest)
+        index[u] = i if cell[u] >= 0 else rest
+
+
 @nb.njit(cache=True, nogil=True)
 def count_off_ground(depth, unit_m, ray_x, ray_y, up, limits, cells, floor_m, ground_m, counts):  # type: ignore[no-untyped-def]  # fmt: skip
     """How many points of each cell rise above the ground, and how many lie below it.
@@ -84,31 +104,21 @@ def count_off_ground(depth, unit_m, ray_x, ray_y, up, limits, cells, floor_m, gr
     Args:
         depth: (H, W) uint16 or float32.
         unit_m: float32 metres per unit of depth.
-        ray_x: (W,) float32; ray_y: (H,) float32 (Eq. 1).
-        ray_y: see ray_x.
+        ray_x: (W,) float32, x of K^-1 [u v 1] (Eq. 1).
+        ray_y: (H,) float32, y of the same.
         up: (4,) float32, height above the plane = z * (up . ray) + up[3].
         limits: float32 lowest and highest rise, depth of a hole, sigmas times noise at 1 m.
         cells: (H, W) int32 as `sum_heights` writes it.
         floor_m: (cells,) float32 height over the plane that a rise is measured from; NaN = not known.
         ground_m: (cells,) float32 the same for holes.
-        counts: (cells, 2) uint32, written here: points above, points below.
+        counts: (2 * cells + 1,) uint32, written here: for each cell points above, points below; the rest.
     """
-    lowest, highest, hole, noise = limits
-    zero = np.float32(0)
     counts[:] = 0
+    index = np.empty(depth.shape[1], np.int32)
+    rest = np.int32(2 * len(floor_m))
     for v in range(depth.shape[0]):
         tail = up[1] * ray_y[v] + up[2]
-        for u in range(depth.shape[1]):
-            cell = cells[v, u]
-            if cell < 0:
-                continue
-            z = np.float32(depth[v, u]) * unit_m
-            q = up[0] * ray_x[u] + tail
-            over = z * q + up[3]
-            doubt = noise * (z * z) * q
-            doubt = doubt * doubt
-            rise, fall = over - floor_m[cell], ground_m[cell] - over
-            if (rise > zero) & (rise * rise > lowest * lowest + doubt) & (rise <= highest):
-                counts[cell, 0] += np.uint32(1)
-            elif (fall > zero) & (fall * fall > hole * hole + doubt):
-                counts[cell, 1] += np.uint32(1)
+        _judge_row(depth[v], unit_m, ray_x, tail, up, limits, cells[v], floor_m, ground_m, index)
+        for u in range(index.shape[0]):
+            if index[u] != rest:
+                counts[index[u]] += np.uint32(1)
