@@ -1,6 +1,6 @@
 """Geometry beside semantics: what each finds, what both find, and what it costs a frame.
 
-    python benchmarks/bench_geometry.py            # about two minutes
+    python benchmarks/bench_geometry.py            # about a minute
 
 Analytic scenes with exact truth, depth with stereo noise (sigma 2 mm at 1 m, growing with the square of
 the depth, holes, flying pixels), and a network that errs: a share of every solid's surface and some
@@ -187,7 +187,7 @@ def cases() -> list[Case]:
         Case("slope +20", empty, 20.0), Case("across a slope of 15", empty, roll_deg=15.0),
         Case("grass up to 6 cm", empty, grass_m=0.06), Case("grass up to 10 cm", empty, grass_m=0.1),
         Case("grass up to 20 cm", empty, grass_m=0.2), Case("foot of a slope, +10", empty, bend_deg=10.0),
-        Case("foot of a slope, +15", empty, bend_deg=15.0), Case("kerb lower than 12 cm (5 cm)", hose),
+        Case("foot of a slope, +15", empty, bend_deg=15.0), Case("low edge of 5 cm", hose),
         Case("flat path", path),
     ]  # fmt: skip
 

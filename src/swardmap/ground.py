@@ -112,10 +112,11 @@ def observe_ground(
     counts = (_fast_counts if compiled else _plain_counts)(frame, up, limits, cells, ground)
     above, below = (counts[:, i].reshape(spec.shape) >= min_points for i in (0, 1))
     classes = np.where(above | below, MapClass.OBSTACLE, MapClass.UNKNOWN).astype(np.uint8)
-    y, x = ((np.arange(n) + 0.5) * spec.resolution_m for n in spec.shape)
-    height = ground.offset_m.reshape(spec.shape) + (a * x + (b * y)[:, None] + c)
+    y, x = (((np.arange(n) + 0.5) * spec.resolution_m).astype(np.float32) for n in spec.shape)
+    plane_m = np.float32(a) * x + (np.float32(b) * y + np.float32(c))[:, None]
+    height_m = ground.offset_m.reshape(spec.shape) + plane_m
     grid = OccupancyGrid(spec, classes, frame.stamp_ns)
-    return GroundEvidence(grid, below, height.astype(np.float32))
+    return GroundEvidence(grid, below, height_m)
 
 
 def with_geometry(
