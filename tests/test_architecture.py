@@ -21,6 +21,8 @@ CORE = (
     "config",
     "cloud",
     "grid",
+    "ground",
+    "ground_fit",
     "mapper",
     "roads",
     "costmap",

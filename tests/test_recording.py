@@ -161,3 +161,33 @@ def test_a_frame_in_between_without_a_pose_has_a_map_of_its_own(tmp_path: Path) 
     assert read_map(tmp_path / "out/maps/000001.yaml").count(MapClass.GRASS) > 100
     assert summary["mount"]["source"] == "measured from the ground in frame 000001, the first without a pose"
     assert summary["mount"]["height_m"] == pytest.approx(0.9, abs=0.02)
+
+
+def test_both_kinds_of_evidence_are_counted_and_written(tmp_path: Path) -> None:
+    config = config_from_dict(
+        {
+            "segmenter": {"name": "truth"},
+            "geometry": {"enabled": True},
+            "output": {"pictures": 1, "frame_maps": True},
+        }
+    )
+    steps: list[StepResult] = []
+    run = map_recording(source(2), tmp_path / "out", config, on_step=steps.append)
+    cells = json.loads((tmp_path / "out" / "summary.json").read_text())["evidence_cells"]
+    assert cells == run.summary["evidence_cells"]
+    assert cells["geometric"] == sum(int(s.geometry.grid.is_obstacle.sum()) for s in steps if s.geometry)
+    assert cells["fused"] == cells["semantic"] + cells["geometric"] - cells["both"]
+    assert cells["both"] > 50
+    assert "geometry" in run.summary["timings_ms"]
+    for step in steps:
+        assert step.semantic is not None
+        assert step.geometry is not None
+        maps = tmp_path / "out" / "maps"
+        written = [
+            read_map(maps / f"{step.frame.name}{kind}.yaml") for kind in ("", "_semantic", "_geometry")
+        ]
+        for grid, known in zip(written, (step.seen, step.semantic, step.geometry.grid), strict=True):
+            np.testing.assert_array_equal(grid.is_obstacle, known.is_obstacle)
+        assert (tmp_path / "out" / "frames" / f"{step.frame.name}.png").is_file()
+    plain = map_recording(source(1), None, replace(TRUTH, geometry=Config().geometry))
+    assert plain.summary["evidence_cells"] is None

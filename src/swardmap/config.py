@@ -142,6 +142,36 @@ class GridConfig(Checked):
 
 
 @dataclass(frozen=True)
+class GeometryConfig(Checked):
+    """Obstacles and holes from depth alone, beside the network's classes (docs/geometry.md)."""
+
+    enabled: bool = setting(False, "mark what rises above the local ground, and holes in it")
+    semantics: bool = setting(
+        True, "use the network's classes too; false: geometric marks alone, nothing is ever free"
+    )
+    min_height_m: float = setting(
+        0.12, "lowest obstacle above the local ground: above the longest grass", minimum=0.01
+    )
+    hole_depth_m: float = setting(0.15, "shallowest hole below the local ground", minimum=0.01)
+    ground_block_m: float = setting(
+        0.4, "the ground is estimated once in a square this wide", minimum=0.1, maximum=5
+    )
+    max_slope_deg: float = setting(30.0, "steepest lawn; what is steeper is no ground", minimum=0, maximum=60)
+    max_bend_deg: float = setting(
+        12.0, "how much steeper than the whole view the ground may get somewhere", minimum=0, maximum=45
+    )
+    noise_m_at_1m: float = setting(
+        0.003, "sigma of the depth at 1 m; it grows with the square of the depth", minimum=0
+    )
+    noise_sigmas: float = setting(3.0, "that many sigmas widen both limits (root of squares)", minimum=0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not (self.enabled or self.semantics):
+            raise ConfigError("geometry: expected enabled or semantics to be true, got neither")
+
+
+@dataclass(frozen=True)
 class CostmapConfig(Checked):
     """Costs for Nav2: what is seen, grown by the margin, then inflated."""
 
@@ -185,6 +215,7 @@ class Config(Checked):
     mount: MountConfig = field(default_factory=MountConfig)
     cloud: CloudConfig = field(default_factory=CloudConfig)
     grid: GridConfig = field(default_factory=GridConfig)
+    geometry: GeometryConfig = field(default_factory=GeometryConfig)
     costmap: CostmapConfig = field(default_factory=CostmapConfig)
     output: OutputConfig = field(default_factory=OutputConfig)
     road: str = setting(

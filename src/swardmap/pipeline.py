@@ -6,6 +6,7 @@ from time import perf_counter
 from typing import Protocol, runtime_checkable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swardmap.cloud import crop_height
 from swardmap.config import Config, MountConfig
@@ -13,6 +14,7 @@ from swardmap.costmap import Costmap, build_costmap
 from swardmap.errors import InputError, InvalidValueError
 from swardmap.geometry import Intrinsics, Pose, mount_pose
 from swardmap.grid import GridSpec, OccupancyGrid
+from swardmap.ground import GroundEvidence, with_geometry
 from swardmap.labels import LabelSet
 from swardmap.mapper import GridMapper, fixed_spec
 from swardmap.roads import PixelCounts, filtered_cloud, fused_grid, staged_grid
@@ -43,9 +45,11 @@ class StepResult:
         frame: the input.
         segmentation: the mask, void where it was not sure.
         T_map_camera: the pose that was used.
-        seen: the standalone map of this frame alone.
+        seen: the standalone map of this frame alone, of all the evidence that is switched on.
         counts: what became of its pixels.
         timings_ms: time spent in each stage.
+        semantic: the same map from the network's classes alone; None = as `seen`.
+        geometry: what depth alone says; None = switched off.
     """
 
     frame: Frame
@@ -54,6 +58,15 @@ class StepResult:
     seen: OccupancyGrid
     counts: PixelCounts
     timings_ms: dict[str, float] = field(default_factory=dict)
+    semantic: OccupancyGrid | None = None
+    geometry: GroundEvidence | None = None
+
+    @property
+    def by_geometry(self) -> NDArray[np.bool_] | None:
+        """(height, width) bool, cells that geometry alone marks; None if it is switched off."""
+        if self.geometry is None or self.semantic is None:
+            return None
+        return self.geometry.grid.is_obstacle & ~self.semantic.is_obstacle
 
     def cloud(self, config: Config) -> LabeledCloud:
         """The cloud the map was made of: filtered, labelled, in the map frame; for pictures and files."""
@@ -98,16 +111,20 @@ class ObstacleMapper:
         spec = self._window(frame.intrinsics, T_map_camera)
         road = fused_grid if config.road == "fused" else staged_grid
         k_mark, k_clear = config.grid.min_points, config.grid.min_grass_points
-        seen, counts = road(frame, segmentation, T_map_camera, spec, config.cloud, k_mark, k_clear)
+        semantic, counts = road(frame, segmentation, T_map_camera, spec, config.cloud, k_mark, k_clear)
         gridded = perf_counter()
+        seen, geometry = with_geometry(frame, semantic, T_map_camera, config)
+        fused = perf_counter()
 
         if frame.T_map_camera is not None:
             self._mapper = self._mapper or GridMapper(config.grid, T_map_camera.parent)
             self._mapper.integrate(seen)
         done = perf_counter()
-        stages = {"segment": segmented - started, "grid": gridded - segmented, "update": done - gridded}
+        stages = {"segment": segmented - started, "grid": gridded - segmented}
+        stages |= {} if geometry is None else {"geometry": fused - gridded}
+        stages |= {"update": done - fused}
         timings_ms = {name: 1e3 * seconds for name, seconds in stages.items()}
-        return StepResult(frame, segmentation, T_map_camera, seen, counts, timings_ms)
+        return StepResult(frame, segmentation, T_map_camera, seen, counts, timings_ms, semantic, geometry)
 
     def run(self, frames: Iterable[Frame]) -> Iterator[StepResult]:
         """Map every frame of a source, one after another."""

@@ -37,12 +37,15 @@ class RunTotals:
     pixels: PixelCounts | None = None
     timings_ms: dict[str, "array[float]"] = field(default_factory=dict)
     without_pose: int = 0
+    evidence: dict[str, int] = field(default_factory=dict)
 
     def add(self, step: StepResult) -> None:
         """Count one frame."""
         self.frames += 1
         self.pixels = step.counts if self.pixels is None else self.pixels + step.counts
         self.without_pose += step.frame.T_map_camera is None
+        for name, cells in evidence_cells(step).items():
+            self.evidence[name] = self.evidence.get(name, 0) + cells
         for stage, milliseconds in step.timings_ms.items():
             self.timings_ms.setdefault(stage, array("f")).append(milliseconds)
 
@@ -56,6 +59,21 @@ class RunTotals:
             }
             for stage, values in self.timings_ms.items()
         }
+
+
+def evidence_cells(step: StepResult) -> dict[str, int]:
+    """Cells of one frame by what marked them; empty if geometry is switched off."""
+    if step.geometry is None or step.semantic is None:
+        return {}
+    named, marked = step.semantic.is_obstacle, step.geometry.grid.is_obstacle
+    return {
+        "semantic": int(named.sum()),
+        "geometric": int(marked.sum()),
+        "holes": int(step.geometry.holes.sum()),
+        "both": int((named & marked).sum()),
+        "geometric_over_grass": int((marked & (step.semantic.classes == MapClass.GRASS)).sum()),
+        "fused": step.seen.count(MapClass.OBSTACLE) + step.seen.count(MapClass.PERSON),
+    }
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -224,6 +242,7 @@ def _summary(
         "interrupted": interrupted,
         "segmenter": segmenter.name,
         "pixels": asdict(totals.pixels) if totals.pixels else {},
+        "evidence_cells": totals.evidence or None,
         "map": None if grid is None else _map_facts(grid),
         "timings_ms": totals.timing_summary(),
         "versions": versions(),

@@ -7,9 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swardmap.cloud import crop_range, label_cloud
-from swardmap.config import CloudConfig, Config, GridConfig
+from swardmap.config import CloudConfig, Config, GeometryConfig, GridConfig
 from swardmap.errors import InputError, InvalidValueError
 from swardmap.eval.maps import (
+    PROTOCOLS,
     at_resolution,
     cloud_map,
     compare_frame,
@@ -170,3 +171,11 @@ def test_what_does_not_fit_is_refused() -> None:
     assert frame_map(frame, true_segmentation(frame), pose(frame), at_resolution(Config(), 0.1)).count(
         MapClass.GRASS
     )
+
+
+def test_geometry_is_in_the_predicted_map_and_never_in_the_reference() -> None:
+    on = replace(Config(), geometry=GeometryConfig(enabled=True))
+    for protocol in PROTOCOLS:
+        of_reference, of_predicted = protocol_configs(on, protocol)
+        assert not of_reference.geometry.enabled
+        assert of_predicted.geometry.enabled

@@ -213,7 +213,8 @@ def test_of_two_runs_into_one_folder_the_first_to_end_stays(tmp_path: Path) -> N
     target = tmp_path / "out"
     with (
         pytest.raises(OutputError, match=r"cannot write .*out: Directory not empty"),
-        new_output_folder(target),new_output_folder(target) as first
+        new_output_folder(target),
+        new_output_folder(target) as first,
     ):
         (first / "map.pgm").write_bytes(b"first")
     assert names(tmp_path) == ["out"]

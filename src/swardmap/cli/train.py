@@ -1,5 +1,6 @@
 """`swardmap train`: a recipe to a checkpoint."""
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
@@ -37,7 +38,8 @@ def train(
     if device == "auto":
         device = "cuda" if torch.cuda.is_available() else "cpu"
     run = run_training(chosen, data, out, _report, device)
-    print(f"trained {run.step} steps; best checkpoint: {out / 'best.pt'}")
+    if os.environ.get("RANK", "0") == "0":  # torchrun starts several
+        print(f"trained {run.step} steps; best checkpoint: {out / 'best.pt'}")
 
 
 def _report(figures: Mapping[str, Any]) -> None:

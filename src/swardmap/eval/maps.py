@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swardmap.cloud import crop_height
-from swardmap.config import Config
+from swardmap.config import Config, GeometryConfig
 from swardmap.errors import InputError, InvalidValueError
 from swardmap.eval.confusion import confusion_of_maps
 from swardmap.eval.dmin import Misses, find_misses, nearest_hits
 from swardmap.eval.tally import RANGE_BANDS_M, MapTally, MissedKind, MissKind
 from swardmap.geometry import Pose
 from swardmap.grid import GridSpec, OccupancyGrid, classify_cells, count_points
+from swardmap.ground import with_geometry
 from swardmap.labels import MapClass
 from swardmap.pipeline import view_spec
 from swardmap.roads import fused_grid, staged_grid
@@ -105,15 +106,16 @@ def protocol_configs(config: Config, protocol: str) -> tuple[Config, Config]:
         return dense(config), config
     if protocol == "paper":
         same = replace(config, grid=replace(config.grid, min_points=1, min_grass_points=1))
-        return same, same
+        return replace(same, geometry=GeometryConfig()), same  # the truth is what the labels say
     raise InvalidValueError(f"expected a protocol of {', '.join(PROTOCOLS)}, got '{protocol}'")
 
 
 @lru_cache(maxsize=32)
 def dense(config: Config) -> Config:
-    """Every valid pixel within the limits counts: no filter, and one point is enough for a cell."""
+    """Every valid pixel within the limits counts, by its label: no filter, one point is enough for a cell."""
     cloud = replace(config.cloud, consistent_neighbours=0, voxel_m=0.0, outliers="none")
-    return replace(config, cloud=cloud, grid=replace(config.grid, min_points=1, min_grass_points=1))
+    one_point = replace(config.grid, min_points=1, min_grass_points=1)
+    return replace(config, cloud=cloud, grid=one_point, geometry=GeometryConfig())
 
 
 @lru_cache(maxsize=32)
@@ -138,7 +140,7 @@ def frame_map(
     road = fused_grid if config.road == "fused" else staged_grid
     k_mark, k_clear = config.grid.min_points, config.grid.min_grass_points
     grid, _ = road(frame, segmentation, T_map_camera, spec, config.cloud, k_mark, k_clear)
-    return grid
+    return with_geometry(frame, grid, T_map_camera, config)[0]
 
 
 def cloud_map(cloud: LabeledCloud, T_map_cloud: Pose, config: Config, spec: GridSpec) -> OccupancyGrid:

@@ -5,7 +5,8 @@ OUT/costmap.yaml, costmap.pgm its costmap
 OUT/map.png, costmap.png      pictures of both
 OUT/frames/NAME.png           a picture of each n-th frame
 OUT/clouds/NAME.pcd           labelled clouds in the map frame, if asked for
-OUT/maps/NAME.yaml            standalone map of each frame, if asked for or if there are no poses
+OUT/maps/NAME.yaml            standalone map of each frame, if asked for or if there are no poses;
+                              NAME_semantic, NAME_geometry: each kind of evidence, if geometry is on
 OUT/summary.json, config.yaml what was counted, and all settings used
 """
 
@@ -47,6 +48,9 @@ class RunWriter:
             write_cloud(step.cloud(self._config), self._folder / "clouds" / f"{name}.{output.clouds}")
         if output.frame_maps or step.frame.T_map_camera is None:
             write_map(step.seen, self._folder / "maps" / f"{name}.yaml")
+            if step.geometry is not None and step.semantic is not None:
+                write_map(step.semantic, self._folder / "maps" / f"{name}_semantic.yaml")
+                write_map(step.geometry.grid, self._folder / "maps" / f"{name}_geometry.yaml")
         if self._every and (self._frames - 1) % self._every == 0:
             self._write_picture(name, step, mapper)
 
@@ -73,6 +77,7 @@ class RunWriter:
             step.seen,
             costs=None if costmap is None else costmap.costs,
             T_map_camera=step.T_map_camera,
+            by_geometry=step.by_geometry,
         )
         write_bytes(self._folder / "frames" / f"{name}.png", encode_png(picture), durable=False)
 

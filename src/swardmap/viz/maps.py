@@ -16,6 +16,7 @@ from swardmap.viz.drawing import INK, PAPER, Color, Picture, blend, write
 
 UNKNOWN_COLOR: Color = (228, 228, 223)
 MARGIN_COLOR: Color = (214, 66, 60)
+GEOMETRY_COLOR: Color = (126, 72, 168)
 COLOR_OF_CLASS = np.array([UNKNOWN_COLOR, GRASS.color, OTHER.color, PERSON.color], np.uint8)
 SWATCHES = [
     ("unknown", UNKNOWN_COLOR),
@@ -92,6 +93,11 @@ def draw_classes(grid: OccupancyGrid, view: View) -> Picture:
     """The cells of a map; where a pixel holds many, the gravest class shows: no obstacle gets lost."""
     colors: Picture = COLOR_OF_CLASS[_sampled(grid.classes, grid.spec, view, MapClass.UNKNOWN)]
     return colors
+
+
+def draw_cells(picture: Picture, cells: NDArray[np.bool_], spec: GridSpec, view: View, color: Color) -> None:
+    """Paint some cells of a map in one colour; a pixel that holds any of them is painted."""
+    picture[_sampled(cells.astype(np.uint8), spec, view, 0) > 0] = color
 
 
 def draw_costs(costs: NDArray[np.uint8], spec: GridSpec, view: View) -> Picture:

@@ -29,12 +29,14 @@ from swardmap.viz.drawing import (
     write,
 )
 from swardmap.viz.maps import (
+    GEOMETRY_COLOR,
     MARGIN_COLOR,
     SWATCHES,
     View,
     bounds_of,
     cost_colors,
     draw_camera,
+    draw_cells,
     draw_classes,
     draw_costs,
     draw_points,
@@ -55,6 +57,7 @@ def frame_picture(
     costs: NDArray[np.uint8] | None = None,
     T_map_camera: Pose | None = None,
     width: int = 1280,
+    by_geometry: NDArray[np.bool_] | None = None,
 ) -> Picture:
     """One frame in four panels: photo with its mask, depth, cloud from above, local map.
 
@@ -68,6 +71,7 @@ def frame_picture(
         costs: (height, width) uint8 costs of `grid`, to show the margin, or None.
         T_map_camera: where the camera is drawn; None = not at all.
         width: of the picture, at least 640.
+        by_geometry: (height, width) bool, cells of `grid` that geometry alone marks, or None.
 
     Returns:
         (H, width, 3) uint8, RGB.
@@ -86,6 +90,9 @@ def frame_picture(
     _cloud_panel(sheet, (left, lower, column, map_height), cloud, view, frame, T_map_camera)
     cells = draw_classes(grid, view)
     swatches = list(SWATCHES)
+    if by_geometry is not None:
+        draw_cells(cells, by_geometry, grid.spec, view, GEOMETRY_COLOR)
+        swatches.append(("geometry", GEOMETRY_COLOR))
     if costs is not None:
         cells = tint_costs(cells, grid, costs, view)
         swatches.append(("cost", MARGIN_COLOR))

@@ -1,0 +1,174 @@
+"""The ground of one frame: a robust plane, and how far the ground of each block of cells is off it.
+
+A large slope goes into the plane, a gentle bend into the offsets, an obstacle into neither.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swardmap.config import GeometryConfig
+from swardmap.grid import GridSpec
+
+PER_METRE = np.float32(10000)  # heights are summed as whole tenths of millimetres (kernels.ground)
+HIGHEST = 2**31 - 1  # lowest height of a cell without points
+LOW_SHARE = 0.3  # of the cells of a block are taken to be ground, where an obstacle covers the rest
+LOWEST_PART_M = 0.05  # of a cell's points above its lowest is ground, where the rest is a trunk or a roof
+STEP_CELLS = 2  # a step is looked for this many cells around
+DENT_M = 0.05  # a block this much below those around it is a hole, not the ground
+FEWEST_CELLS = 12  # less ground than that is no ground
+NEAR_PLANE_M = (0.6, 0.4, 0.25, 0.2, 0.15, 0.15)  # how near to the plane counts, round by round
+
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+Sums = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ground:
+    """The ground of one frame, in the frame `grid`.
+
+    Attributes:
+        plane: (3,) float64 a, b, c of z = a x + b y + c.
+        offset_m: (cells,) float32 how far the ground lies over the plane; NaN where not seen.
+        floor_m: (cells,) float32 the same, lower beside a step down: what a rise is measured from.
+    """
+
+    plane: Float64
+    offset_m: Float32
+    floor_m: Float32
+
+
+def fit_ground(sums: Sums, spec: GridSpec, config: GeometryConfig, min_points: int) -> Ground | None:
+    """The ground under the cells that were seen, or None if too few were.
+
+    Args:
+        sums: (cells, 3) int64 sum of heights in 0.1 mm, points, and lowest height of each cell.
+        spec: the grid.
+        config: size of the blocks, and how far the ground may bend from one to the next.
+        min_points: points that a cell needs.
+    """
+    seen = np.flatnonzero(sums[:, 1] >= min_points)
+    if len(seen) < FEWEST_CELLS:
+        return None
+    mean_m = sums[seen, 0] / (sums[seen, 1] * float(PER_METRE))
+    height_m = np.minimum(mean_m, sums[seen, 2] / float(PER_METRE) + LOWEST_PART_M)
+    iy, ix = np.divmod(seen, spec.width)
+    x, y = (ix + 0.5) * spec.resolution_m, (iy + 0.5) * spec.resolution_m
+    side = max(1, round(config.ground_block_m / spec.resolution_m))
+    shape = (spec.height - 1) // side + 1, (spec.width - 1) // side + 1
+    block = (iy // side) * shape[1] + ix // side
+
+    chosen = _low_of_each(block, height_m)
+    plane = _robust_plane(x[chosen], y[chosen], height_m[chosen])
+    plane = _robust_plane(x, y, height_m, plane)
+    slope = float(np.hypot(plane[0], plane[1]))
+    limit = float(np.tan(np.deg2rad(config.max_slope_deg)))
+    if slope > limit:  # a wall fills the view: the map's horizon is the better guess
+        plane = np.array([0.0, 0.0, 0.0])
+    sloping = plane[0] * x + plane[1] * y + plane[2]
+    over = height_m - sloping
+
+    chosen = _low_of_each(block, over)
+    lows = np.full(shape, np.nan)
+    lows.ravel()[block[chosen]] = over[chosen]
+    bend = float(np.tan(np.deg2rad(config.max_bend_deg)))
+    offsets = _envelope(_without_dents(lows), bend * side * spec.resolution_m)
+    offsets[np.isnan(lows)] = np.nan
+    own = _interpolated(offsets, (iy + 0.5) / side - 0.5, (ix + 0.5) / side - 0.5)
+    allowance = bend * STEP_CELLS * spec.resolution_m
+    around = _lowest_around(seen, mean_m - sloping, spec)[seen] + allowance
+    offset_m, floor_m = (np.full(len(sums), np.nan, np.float32) for _ in range(2))
+    offset_m[seen], floor_m[seen] = own, np.minimum(own, around)
+    return Ground(plane, offset_m, floor_m)
+
+
+def _low_of_each(block: NDArray[np.int64], height_m: Float64) -> NDArray[np.intp]:
+    """Index of the cell at the low quantile of each block's heights."""
+    level = np.clip((height_m + 1000.0) * 10000.0, 0, 2**31 - 1).astype(np.int64)
+    order = np.argsort(block * 2**31 + level)
+    starts = np.flatnonzero(np.diff(block[order], prepend=-1))
+    sizes = np.diff(starts, append=len(order))
+    return order[starts + (LOW_SHARE * (sizes - 1)).astype(np.intp)]
+
+
+def _robust_plane(x: Float64, y: Float64, z: Float64, start: Float64 | None = None) -> Float64:
+    """Plane through most points: reweighted least squares, what is far from it counts less and less."""
+    if start is None:
+        start = np.array([0.0, 0.0, float(np.quantile(z, LOW_SHARE))])
+        scales: tuple[float, ...] = (1.5, *NEAR_PLANE_M)
+    else:
+        scales = NEAR_PLANE_M[-2:]
+    mid = (float(x.mean()), float(y.mean()))
+    dx, dy = x - mid[0], y - mid[1]
+    plane: Float64 = start + np.array([0, 0, start[0] * mid[0] + start[1] * mid[1]])
+    for scale in scales:
+        off = z - (plane[0] * dx + plane[1] * dy + plane[2])
+        w = np.square(np.clip(1.0 - np.square(off / (3 * scale)), 0, None))  # Tukey's biweight
+        wx, wy, wo = w * dx, w * dy, w * off
+        xx, xy, yy = (wx * dx).sum(), (wx * dy).sum(), (wy * dy).sum()  # no BLAS: one order of summing
+        normal = np.array([[xx, xy, wx.sum()], [xy, yy, wy.sum()], [wx.sum(), wy.sum(), w.sum()]])
+        right = np.array([(wo * dx).sum(), (wo * dy).sum(), wo.sum()])
+        step = np.linalg.solve(normal + 1e-6 * len(x) * np.eye(3), right)
+        plane = plane + step
+    plane[2] -= plane[0] * mid[0] + plane[1] * mid[1]
+    return plane
+
+
+def _without_dents(lows: Float64) -> Float64:
+    """Blocks that lie below the median of those around them are lifted to it: a hole is no ground."""
+    padded = np.pad(lows, 2, constant_values=np.nan)
+    h, w = lows.shape
+    views = np.stack([padded[i : i + h, j : j + w] for i in range(5) for j in range(5)])
+    order = np.sort(views, axis=0)  # NaN last
+    known = 25 - np.isnan(views).sum(axis=0)
+    middle = np.take_along_axis(order, np.maximum(known - 1, 0)[None] // 2, axis=0)[0]
+    return np.where(known >= 4, np.fmax(lows, np.where(np.isnan(lows), np.nan, middle - DENT_M)), lows)
+
+
+def _envelope(lows: Float64, rise_m: float) -> Float64:
+    """The highest surface below all blocks that rises by at most `rise_m` from block to block."""
+    h, w = lows.shape
+    padded = np.full((h + 2, w + 2), np.inf)
+    inner = padded[1:-1, 1:-1]
+    inner[:] = np.where(np.isnan(lows), np.inf, lows)
+    steps = [(i, j, rise_m * float(np.hypot(i, j))) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j]
+    for _ in range(h + w):
+        before = inner.copy()
+        for i, j, rise in steps:
+            np.minimum(inner, padded[1 + i : 1 + i + h, 1 + j : 1 + j + w] + rise, out=inner)
+        if np.array_equal(before, inner):
+            break
+    return inner.copy()
+
+
+def _interpolated(offsets: Float64, row: Float64, column: Float64) -> Float64:
+    """Bilinear between the middles of blocks, those not seen left out."""
+    total, weight = np.zeros(len(row)), np.zeros(len(row))
+    i0, j0 = np.floor(row).astype(np.intp), np.floor(column).astype(np.intp)
+    fi, fj = row - i0, column - j0
+    h, w = offsets.shape
+    values, known = np.nan_to_num(offsets).ravel(), np.isfinite(offsets).ravel()
+    for di, wi in ((0, 1 - fi), (1, fi)):
+        for dj, wj in ((0, 1 - fj), (1, fj)):
+            at = np.clip(i0 + di, 0, h - 1) * w + np.clip(j0 + dj, 0, w - 1)
+            share = wi * wj * known[at]
+            total += share * values[at]
+            weight += share
+    return total / weight  # the block of a cell that was seen was seen: never 0
+
+
+def _lowest_around(seen: NDArray[np.intp], over: Float64, spec: GridSpec) -> Float64:
+    """(cells,) lowest mean height over the plane within a few cells."""
+    n = STEP_CELLS
+    table = np.full((spec.height + 2 * n, spec.width + 2 * n), np.inf)
+    iy, ix = np.divmod(seen, spec.width)
+    table[iy + n, ix + n] = over
+    rows = table[: spec.height].copy()
+    for i in range(1, 2 * n + 1):
+        np.minimum(rows, table[i : i + spec.height], out=rows)
+    lowest = rows[:, : spec.width].copy()
+    for j in range(1, 2 * n + 1):
+        np.minimum(lowest, rows[:, j : j + spec.width], out=lowest)
+    return lowest.ravel()
