@@ -22,6 +22,8 @@ CORE = (
     "cloud",
     "grid",
     "mapper",
+    "evidence",
+    "living",
     "roads",
     "costmap",
     "level",

@@ -160,7 +160,7 @@ def _mapped(
     summary = _summary(source, segmenter, config, totals, grid, interrupted)
     summary["mount"] = {"source": how} | ({} if T_base_camera is None else _mount_facts(T_base_camera))
     if writer is not None:
-        writer.finish(grid, costmap, summary)
+        writer.finish(grid, costmap, summary, mapper.living)
     run = MapRun(grid, costmap, totals, summary)
     if interrupted:
         raise _InterruptedError(run)
