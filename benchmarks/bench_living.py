@@ -37,6 +37,9 @@ from swardmap.types import Frame, Segmentation
 CAMERA = Intrinsics(320, 240, 230.0, 230.0, 159.5, 119.5)
 TINY = Intrinsics(80, 60, 57.5, 57.5, 39.5, 29.5)
 EXTENT = {"origin_m": [-2.0, -8.0], "size_m": [16.0, 16.0], "resolution_m": 0.05}
+BOTH_KNOW = ", where both know"
+"""Columns over the cells that neither map calls unknown: nobody gains there by knowing less."""
+
 NEAR_TRUTH_M = 0.15
 """A hazard cell farther from every true one is a ghost, not a border that is a cell or two off."""
 
@@ -121,7 +124,7 @@ def score_modes(
 ) -> dict[str, Score]:
     """Map the frames in every mode and judge each fifth moment."""
     mappers = {name: ObstacleMapper(Noisy(blobs, seed), config) for name, config in configs.items()}
-    scores = {name: Score() for name in configs}
+    scores = {name + where: Score() for where in ("", BOTH_KNOW) for name in configs}
     observed: NDArray[np.bool_] | None = None
     for i, frame in enumerate(frames):
         for mapper in mappers.values():
@@ -134,9 +137,11 @@ def score_modes(
         observed[there] |= step.seen.classes[here] != MapClass.UNKNOWN
         if i % 5 == 4:
             truth = true_map(scene, spec, frame.stamp_ns)
+            known = np.logical_and.reduce([g.classes > 0 for g in grids.values() if g is not None])
             for name, grid in grids.items():
                 assert grid is not None
                 scores[name].add(truth, grid, observed)
+                scores[name + BOTH_KNOW].add(truth, grid, known)
     return scores
 
 
@@ -158,10 +163,11 @@ def show(title: str, rows: dict[str, dict[str, float]]) -> None:
 def gardens(seeds: list[int], count: int, blobs: float) -> None:
     """FN, FP, d_min-obst and ghosts of both modes."""
     configs = {"last frame wins": config_of("paper"), "evidence": config_of("evidence")}
-    totals = {name: Score() for name in configs}
+    totals: dict[str, Score] = {}
     for seed in seeds:
         frames, scene = garden_frames(seed, count)
         for name, score in score_modes(configs, frames, scene, blobs, seed).items():
+            totals.setdefault(name, Score())
             for f in fields(Score):
                 setattr(totals[name], f.name, getattr(totals[name], f.name) + getattr(score, f.name))
     title = f"{len(seeds)} gardens x {count} frames, sensor noise, {blobs:g} wrong blobs a frame"

@@ -84,6 +84,7 @@ def test_unknown_needs_grass_to_be_free() -> None:
 def test_a_hazard_needs_more_to_clear_than_to_mark(map_class: MapClass) -> None:
     cells = Cells.unknown(1, 1)
     assert told(cells, map_class) == [map_class]
+    assert CONFIG.mark_at + CONFIG.clear_at > CONFIG.grass_gain  # so one frame of grass never clears
     assert frames_to_clear(map_class, 1) > 1
     assert frames_to_clear(map_class, 50) >= frames_to_clear(map_class, 1)
 
