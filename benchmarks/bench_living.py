@@ -36,7 +36,8 @@ from swardmap.types import Frame, Segmentation
 
 CAMERA = Intrinsics(320, 240, 230.0, 230.0, 159.5, 119.5)
 TINY = Intrinsics(80, 60, 57.5, 57.5, 39.5, 29.5)
-EXTENT = {"origin_m": [-2.0, -8.0], "size_m": [16.0, 16.0], "resolution_m": 0.05}
+POINTS = {"min_points": 3, "min_grass_points": 3}
+EXTENT = {"origin_m": [-2.0, -8.0], "size_m": [16.0, 16.0], "resolution_m": 0.05, **POINTS}
 BOTH_KNOW = ", where both know"
 """Columns over the cells that neither map calls unknown: nobody gains there by knowing less."""
 
@@ -270,9 +271,9 @@ def long_drive(count: int) -> None:
     print(f"\n{count} frames, 15 a second\n")
     print("| frames | lane: tiles MB | window: tiles MB | process peak MB |")
     print("|---:|---:|---:|---:|")
-    lane = ObstacleMapper(Truth(), config_from_dict({"grid": {"mode": "evidence"}}))
+    lane = ObstacleMapper(Truth(), config_from_dict({"grid": {"mode": "evidence", **POINTS}}))
     window = ObstacleMapper(
-        Truth(), config_from_dict({"grid": {"mode": "evidence"}, "evidence": {"window_m": 20}})
+        Truth(), config_from_dict({"grid": {"mode": "evidence", **POINTS}, "evidence": {"window_m": 20}})
     )
     first: OccupancyGrid | None = None
     started = time.perf_counter()
@@ -314,7 +315,7 @@ def time_a_frame() -> None:
     frames = list(AnalyticSource(garden_scene(0), tuple(lane_poses(12, step_m=0.3)), intrinsics))
     rows: dict[str, dict[str, float]] = {}
     for name, mode in (("last frame wins", "paper"), ("evidence", "evidence")):
-        mapper = ObstacleMapper(Truth(), config_from_dict({"grid": {"mode": mode}}))
+        mapper = ObstacleMapper(Truth(), config_from_dict({"grid": {"mode": mode, **POINTS}}))
         steps = [mapper.step(replace(frames[i % 12], stamp_ns=i)) for i in range(60)]
         rows[name] = {
             f"{stage}, median ms": float(np.median([s.timings_ms[stage] for s in steps[10:]]))

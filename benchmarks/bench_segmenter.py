@@ -25,8 +25,7 @@ from swardmap.models.onnx import OnnxSegmenter
 
 NETWORKS = {
     "R34 448x448 (paper)": {"encoder": "resnet34", "decoder_channels": 256, "rates": [12, 24, 36]},
-    "lite2 448x336": {"encoder": "efficientnet-lite2", "decoder_channels": 128, "width": 448, "height": 336},
-    "lite0 448x336": {"encoder": "efficientnet-lite0", "decoder_channels": 128, "width": 448, "height": 336},
+    "lite2 512x384": {"encoder": "efficientnet-lite2", "decoder_channels": 128, "width": 512, "height": 384},
 }
 Step = Callable[[], object]
 

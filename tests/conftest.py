@@ -5,10 +5,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import settings
 
 from swardmap.geometry import Intrinsics, mount_pose
 from swardmap.labels import GRASS_OBSTACLE_PERSON
 from swardmap.types import Frame, Segmentation
+
+# the first example of a property may wait for a kernel to compile
+settings.register_profile("swardmap", deadline=None)
+settings.load_profile("swardmap")
 
 
 @pytest.fixture(scope="session")

@@ -1,5 +1,7 @@
 """Costs against Nav2's own numbers, and distances against SciPy."""
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -202,3 +204,53 @@ def test_boundary_is_lethal_outside() -> None:
     assert int((layer == 0).sum()) == 16
     config = CostmapConfig(inscribed_radius_m=0.5, inflation_radius_m=0.5)
     assert (build_costmap(grid, config, layer).costs[0] == LETHAL).all()
+
+
+def nav2_inflation(costs: np.ndarray, resolution_m: float, config: CostmapConfig) -> np.ndarray:
+    """InflationLayer::updateCosts and computeCost written down again, cell by cell, with exact distances."""
+    reach, out = math.ceil(config.inflation_radius_m / resolution_m), costs.copy()
+    rows, columns = np.nonzero(costs == LETHAL)
+    for iy, ix in np.ndindex(*costs.shape):
+        distance = math.sqrt(((rows - iy) ** 2 + (columns - ix) ** 2).min(initial=10**6))
+        if distance > reach:
+            continue
+        cost = int(
+            252
+            * math.exp(-config.cost_scaling_factor * (distance * resolution_m - config.inscribed_radius_m))
+        )
+        if distance == 0:
+            cost = 254
+        elif distance * resolution_m <= config.inscribed_radius_m:
+            cost = 253
+        old = int(costs[iy, ix])
+        if old == NO_INFORMATION:
+            out[iy, ix] = cost if cost >= (1 if config.inflate_unknown else 253) else old
+        else:
+            out[iy, ix] = max(old, cost)
+    return out
+
+
+@settings(max_examples=60)
+@given(
+    arrays(np.uint8, (11, 13), elements=st.sampled_from([0, 0, 0, 0, 0, 100, 253, 254, 255])),
+    st.sampled_from([0.03, 0.05, 0.1, 0.2]),
+    st.sampled_from([0.0, 0.1, 0.22, 0.3]),
+    st.sampled_from([0.0, 0.2, 0.25]),
+    st.sampled_from([1.0, 3.0, 10.0]),
+    st.booleans(),
+)
+def test_inflation_is_nav2s_cell_by_cell(
+    costs: np.ndarray, resolution_m: float, inscribed_m: float, more_m: float, decay: float, unknown: bool
+) -> None:
+    config = CostmapConfig(
+        inscribed_radius_m=inscribed_m, inflation_radius_m=inscribed_m + more_m,
+        cost_scaling_factor=decay, inflate_unknown=unknown,
+    )  # fmt: skip
+    want = nav2_inflation(costs, resolution_m, config)
+    np.testing.assert_array_equal(inflate(costs, GridSpec(resolution_m, 13, 11), config), want)
+
+
+def test_the_last_bit_of_a_cost_is_cs() -> None:
+    # 6 * 0.05 is a little more than 0.3: not inscribed, and exp() of what is left rounds to 1
+    config = CostmapConfig(inscribed_radius_m=0.3, inflation_radius_m=0.5, cost_scaling_factor=1.0)
+    assert cost_of_squared_distance(0.05, config)[36] == 252

@@ -36,10 +36,11 @@ def test_twins_agree_bit_for_bit(seed: int) -> None:
     view = Viewpoint(x, y, half, back)
     limits = {"obstacle_limit": float(rng.uniform(1, 30)), "clear_at": float(rng.uniform(0.1, 1))}
     min_points = int(rng.integers(1, 5))
-    model = parameters(EvidenceConfig(**limits), min_points)
-    passed = cells_passed(points, view, min_points)
+    min_grass_points = int(rng.integers(1, 5))
+    model = parameters(EvidenceConfig(**limits), min_points, min_grass_points)
+    passed = cells_passed(points, view, min_points, min_grass_points)
     also_passed = np.zeros(shape, np.bool_)
-    kernel.cells_passed(points, view.x, view.y, view.back, min_points, also_passed)
+    kernel.cells_passed(points, view.x, view.y, view.back, min_points, min_grass_points, also_passed)
     np.testing.assert_array_equal(passed, also_passed)
 
     one, corner = random_cells(rng, shape), (int(rng.integers(0, 50)), int(rng.integers(0, 50)))

@@ -31,7 +31,7 @@ from swardmap.types import Frame, Segmentation
 
 R = 0.1
 CAMERA = Intrinsics(160, 120, 115.0, 115.0, 79.5, 59.5)
-EXTENT = {"origin_m": [-2.0, -8.0], "size_m": [16.0, 16.0], "resolution_m": 0.1}
+EXTENT = {"origin_m": [-2.0, -8.0], "size_m": [16.0, 16.0], "resolution_m": 0.1, "min_grass_points": 2}
 
 
 def seen(

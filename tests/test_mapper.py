@@ -1,7 +1,7 @@
 """The accumulated map: growth, clearing and the memory of persons."""
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -25,7 +25,8 @@ def seen(classes: object, ix: int = 0, iy: int = 0, stamp_ns: int = 0) -> Occupa
     return OccupancyGrid(GridSpec(R, array.shape[1], array.shape[0], (ix * R, iy * R)), array, stamp_ns)
 
 
-@settings(max_examples=60)
+@settings(max_examples=60, deadline=None)
+@example([(0, 0, np.full((5, 6), 3, np.uint8)), (0, 0, np.full((5, 6), 2, np.uint8))])
 @given(windows)
 def test_growing_map_equals_the_papers_update_on_one_large_grid(
     updates: list[tuple[int, int, np.ndarray]],

@@ -149,3 +149,15 @@ def test_two_scenes_do_not_go_into_one_map() -> None:
 
     with pytest.raises(InputError, match="a world of its own"):
         map_recording(TwoScenes(KeyboardInterrupt(), 0), config=TRUTH)
+
+
+def test_a_frame_in_between_without_a_pose_has_a_map_of_its_own(tmp_path: Path) -> None:
+    frames = list(source())
+    frames[1] = replace(frames[1], T_map_camera=None)
+    write_folder(frames, tmp_path / "rec")
+    summary = map_recording(tmp_path / "rec", tmp_path / "out", TRUTH).summary
+    assert (summary["frames"], summary["frames_without_pose"]) == (3, 1)
+    assert [p.name for p in (tmp_path / "out/maps").glob("*.yaml")] == ["000001.yaml"]
+    assert read_map(tmp_path / "out/maps/000001.yaml").count(MapClass.GRASS) > 100
+    assert summary["mount"]["source"] == "measured from the ground in frame 000001, the first without a pose"
+    assert summary["mount"]["height_m"] == pytest.approx(0.9, abs=0.02)

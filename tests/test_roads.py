@@ -72,9 +72,9 @@ def test_roads_agree_on_random_frames(seed: int, dtype: str) -> None:
         min_height_m=-1.0,
         consistent_neighbours=int(rng.integers(0, 9)),
     )
-    min_points = int(rng.integers(1, 4))
-    staged, staged_counts = staged_grid(frame, segmentation, pose, spec, config, min_points)
-    fused, fused_counts = fused_grid(frame, segmentation, pose, spec, config, min_points)
+    k_mark, k_clear = (int(k) for k in rng.integers(1, 4, 2))
+    staged, staged_counts = staged_grid(frame, segmentation, pose, spec, config, k_mark, k_clear)
+    fused, fused_counts = fused_grid(frame, segmentation, pose, spec, config, k_mark, k_clear)
     np.testing.assert_array_equal(staged.classes, fused.classes)
     assert staged_counts == fused_counts
 

@@ -32,6 +32,7 @@ def frame(**changes: Any) -> Frame:
      ({"depth": np.ones((3, 4), np.float64)}, "uint16 or float32"),
      ({"depth": [[1]]}, "got list"), ({"depth_unit_m": 0.0}, "positive depth unit"),
      ({"depth_unit_m": float("nan")}, "positive depth unit"),
+     ({"depth_unit_m": 1000.0}, "0.001 for millimetres"), ({"depth_unit_m": 1e-50}, "0.001 for millimetres"),
      ({"labels": np.zeros((3, 4), np.uint8)}, "need a label_set"),
      ({"labels": np.zeros((3, 3), np.uint8), "label_set": GRASS_OBSTACLE_PERSON}, "labels: expected")],
 )  # fmt: skip

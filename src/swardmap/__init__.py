@@ -6,6 +6,7 @@ pictures in `swardmap.viz`, the bare array functions in `swardmap.cloud`, `grid`
 """
 
 import importlib
+import os
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -29,6 +30,9 @@ if TYPE_CHECKING:
     from swardmap.types import Segmentation as Segmentation
 
 __version__ = "0.1.0"
+
+# ONNX Runtime otherwise sends reports to its maker, and keeps a device id in the user's home
+os.environ.setdefault("ORT_DISABLE_TELEMETRY", "true")
 
 _HOME = {
     "Config": "config", "load_config": "config", "Costmap": "costmap", "build_costmap": "costmap",

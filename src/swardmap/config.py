@@ -129,7 +129,8 @@ class GridConfig(Checked):
         choices=("paper", "evidence"),
     )
     resolution_m: float = setting(0.05, "edge of a cell", minimum=1e-3, maximum=10)
-    min_points: int = setting(3, "points a cell needs to be cleared or marked", minimum=1)
+    min_points: int = setting(1, "points of obstacle or person that mark a cell", minimum=1)
+    min_grass_points: int = setting(3, "points of grass that clear a cell", minimum=1)
     origin_m: tuple[float, float] | None = setting(
         None, "outer corner of cell (0, 0); none = grows with what is seen"
     )
@@ -205,7 +206,9 @@ class CostmapConfig(Checked):
 class OutputConfig(Checked):
     """What `map` writes."""
 
-    pictures: int = setting(1, "a picture of every n-th frame; 0 = none", minimum=0)
+    pictures: int | None = setting(
+        None, "a picture of every n-th frame; 0 = none; none = about 50 of the recording", minimum=0
+    )
     clouds: str = setting("none", "labelled cloud of each frame", choices=("none", "pcd", "ply"))
     frame_maps: bool = setting(False, "one standalone map a frame as well (the paper's evaluation)")
 
@@ -302,7 +305,8 @@ def _read_yaml(file: Path) -> Any:
     try:
         return yaml.safe_load(file.read_text(encoding="utf-8")) or {}
     except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
-        raise ConfigError(f"cannot read the configuration {file}: {error}") from error
+        reason = " ".join(str(error).split())  # YAML's errors draw the place over several lines
+        raise ConfigError(f"cannot read the configuration {file}: {reason}") from error
 
 
 def _parsed(text: str, name: str) -> Any:

@@ -179,8 +179,9 @@ def cost_of_squared_distance(
     cells = np.sqrt(np.arange((radius + 1) ** 2 + 1, dtype=np.float64))
     beyond = np.maximum(0.0, cells - margin_cells)
     meters = beyond * resolution_m
-    decay = np.exp(-config.cost_scaling_factor * (meters - config.inscribed_radius_m))
-    table = np.where(meters <= config.inscribed_radius_m, INSCRIBED, (INSCRIBED - 1) * np.minimum(decay, 1))
+    exponents = np.minimum(0, -config.cost_scaling_factor * (meters - config.inscribed_radius_m))
+    decay = np.array([math.exp(e) for e in exponents.tolist()])  # as C's exp; NumPy's differs in the last bit
+    table = np.where(meters <= config.inscribed_radius_m, INSCRIBED, (INSCRIBED - 1) * decay)
     table = np.where(beyond > reach, FREE, table)
     # a measured margin is a sum of rounded numbers: one that ends at a cell's centre reaches that cell
     table = np.where(cells <= margin_cells + 1e-9, LETHAL, table)

@@ -80,31 +80,37 @@ class Viewpoint:
         return cls((x - x0) / r, (y - y0) / r, config.half_confidence_m / r, back)
 
 
-def parameters(config: EvidenceConfig, min_points: int) -> NDArray[np.int64]:
+def parameters(
+    config: EvidenceConfig, min_points: int, min_grass_points: int | None = None
+) -> NDArray[np.int64]:
     """The model as whole numbers, in the order both twins read them.
 
     Returns:
-        (11,) int64: points a sighting needs; gains of obstacle, person, grass, ray; mark, free, clear,
-        obstacle limit, person limit, free limit.
+        (12,) int64: points a hazard needs; gains of obstacle, person, grass, ray; mark, free, clear,
+        obstacle limit, person limit, free limit; points grass needs (None = as many).
     """
     nats = (
         config.obstacle_gain, config.person_gain, config.grass_gain, config.ray_gain, config.mark_at,
         config.free_at, config.clear_at, config.obstacle_limit, config.person_limit, config.free_limit,
     )  # fmt: skip
-    return np.array([min_points, *(round(PER_NAT * value) for value in nats)], np.int64)
+    scaled = [round(PER_NAT * value) for value in nats]
+    return np.array([min_points, *scaled, min_grass_points or min_points], np.int64)
 
 
-def cells_passed(points: NDArray[np.uint32], view: Viewpoint, min_points: int) -> NDArray[np.bool_]:
+def cells_passed(
+    points: NDArray[np.uint32], view: Viewpoint, min_points: int, min_grass_points: int | None = None
+) -> NDArray[np.bool_]:
     """Cells that a ray passed low over on its way to grass; a hazard seen in this frame stops it.
 
     Args:
         points: (h, w, 4) points by MapClass.
         view: where the frame was taken.
-        min_points: points a sighting needs.
+        min_points: points a hazard needs.
+        min_grass_points: points grass needs; None = min_points.
     """
     height, width = points.shape[:2]
     hazard = points[..., 2].astype(np.int64) + points[..., 3] >= min_points
-    iy, ix = np.nonzero((points[..., 1] >= min_points) & ~hazard)
+    iy, ix = np.nonzero((points[..., 1] >= (min_grass_points or min_points)) & ~hazard)
     x, y = ix + 0.5, iy + 0.5
     dx, dy = view.x - x, view.y - y
     distance = np.sqrt(dx * dx + dy * dy)
@@ -152,7 +158,7 @@ def update_cells(
     ratio = (dx * dx + dy * dy) / (view.half * view.half)
     confidence = 1.0 / (1.0 + ratio * ratio)  # the noise of stereo depth grows with the square of the range
     marked = hazard >= k
-    lawn = ~marked & (grass >= k)
+    lawn = ~marked & (grass >= model[11])
     crossed = ~marked & ~lawn & passed & (cells.evidence > 0)
     of_person = marked & ((person >= k) | (person >= obstacle))
     share = 0.5 + 0.5 * (hazard / np.maximum(hazard + grass, 1))

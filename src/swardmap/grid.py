@@ -235,23 +235,26 @@ def count_points(cloud: LabeledCloud, spec: GridSpec) -> tuple[NDArray[np.uint32
     return counts.astype(np.uint32).reshape(*spec.shape, 4), outside
 
 
-def classify_cells(counts: NDArray[np.uint32], min_points: int) -> NDArray[np.uint8]:
+def classify_cells(
+    counts: NDArray[np.uint32], min_points: int, min_grass_points: int | None = None
+) -> NDArray[np.uint8]:
     """Class of each cell from its point counts: grass clears, then obstacle and person mark.
 
-    A cell needs `min_points` points to be cleared, and as many of obstacle and person together to
-    be marked; it is then a person's where persons reach `min_points` or are no fewer than the rest.
-    An obstacle beats grass; what is not seen often enough stays unknown.
+    A cell needs `min_grass_points` points of grass to be cleared, and `min_points` of obstacle and
+    person together to be marked; it is then a person's where persons reach `min_points` or are no
+    fewer than the rest. An obstacle beats grass; what is not seen often enough stays unknown.
 
     Args:
         counts: (height, width, 4) points by MapClass.
-        min_points: k, at least 1.
+        min_points: k of obstacles, at least 1.
+        min_grass_points: k of grass; None = min_points.
 
     Returns:
         (height, width) uint8 MapClass.
     """
     grass, obstacle, person = (counts[..., c] for c in (1, 2, 3))
     classes = np.full(counts.shape[:2], MapClass.UNKNOWN, np.uint8)
-    classes[grass >= min_points] = MapClass.GRASS
+    classes[grass >= (min_grass_points or min_points)] = MapClass.GRASS
     marked = obstacle + person >= min_points
     classes[marked] = MapClass.OBSTACLE
     classes[marked & ((person >= min_points) | (person >= obstacle))] = MapClass.PERSON
@@ -275,7 +278,7 @@ def update_grid(grid: OccupancyGrid, seen: OccupancyGrid) -> OccupancyGrid:
     window, news = classes[there], seen.classes[here]
     window[news == MapClass.GRASS] = MapClass.GRASS
     hazard = news >= MapClass.OBSTACLE
-    window[hazard] = news[hazard]
+    np.maximum(window, news, out=window, where=hazard)  # a person stays one until grass is seen
     return replace(grid, classes=classes, stamp_ns=max(grid.stamp_ns, seen.stamp_ns))
 
 

@@ -40,7 +40,7 @@ class LivingMap:
         frame_id: str = "map",
     ) -> None:
         self._evidence = evidence or EvidenceConfig()
-        self._model = parameters(self._evidence, grid.min_points)
+        self._model = parameters(self._evidence, grid.min_points, grid.min_grass_points)
         self._lowest_m = lowest_m
         self._fixed = fixed_spec(grid, frame_id)
         corner = (0.0, 0.0) if grid.origin_m is None else grid.origin_m
@@ -82,7 +82,7 @@ class LivingMap:
         points, spec = seen.sighting.points, seen.spec
         view = Viewpoint.of(seen.sighting, spec, self._evidence, self._lowest_m)
         passed = np.zeros(spec.shape, np.bool_)
-        kernel.cells_passed(points, view.x, view.y, view.back, self._model[0], passed)
+        kernel.cells_passed(points, view.x, view.y, view.back, self._model[0], self._model[11], passed)
         for key, here, there in self._overlapped(spec):
             tile = self._tiles.get(key)
             if tile is None:

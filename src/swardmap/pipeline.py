@@ -80,7 +80,7 @@ class ObstacleMapper:
     ) -> None:
         self.segmenter = segmenter
         self.config = config or Config()
-        self._T_base_camera = T_base_camera
+        self.T_base_camera = T_base_camera
         self._mapper: GridMapper | LivingMap | None = None
         self._last_stamp_ns: int | None = None
 
@@ -98,7 +98,8 @@ class ObstacleMapper:
 
         spec = self._window(frame.intrinsics, T_map_camera)
         road = fused_grid if config.road == "fused" else staged_grid
-        seen, counts = road(frame, segmentation, T_map_camera, spec, config.cloud, config.grid.min_points)
+        k_mark, k_clear = config.grid.min_points, config.grid.min_grass_points
+        seen, counts = road(frame, segmentation, T_map_camera, spec, config.cloud, k_mark, k_clear)
         gridded = perf_counter()
 
         if frame.T_map_camera is not None:
@@ -131,14 +132,14 @@ class ObstacleMapper:
     def _pose_of(self, frame: Frame) -> Pose:
         if frame.T_map_camera is not None:
             return frame.T_map_camera
-        if self._T_base_camera is None:
-            self._T_base_camera = configured_mount(self.config.mount)
-        if self._T_base_camera is None:
+        if self.T_base_camera is None:
+            self.T_base_camera = configured_mount(self.config.mount)
+        if self.T_base_camera is None:
             raise InputError(
                 f"frame {frame.name or frame.stamp_ns} has no pose and the mount is not known: "
                 "set mount.height_m and mount.pitch_deg"
             )
-        return self._T_base_camera
+        return self.T_base_camera
 
     def _check_clock(self, frame: Frame) -> None:
         last = self._last_stamp_ns

@@ -101,8 +101,10 @@ def map_recording(
     config = config or Config()
     if out is None:
         return _mapped(recording, config, segmenter, None, on_step)
-    from swardmap.io.files import new_output_folder
+    from swardmap.io.files import new_output_folder, refuse_to_replace
 
+    if isinstance(recording, (str, Path)):
+        refuse_to_replace(recording, out)
     interrupted = False
     with new_output_folder(out, overwrite) as folder:
         try:
@@ -110,7 +112,7 @@ def map_recording(
         except _InterruptedError as stop:
             run, interrupted = stop.run, True
     if interrupted:
-        raise KeyboardInterrupt
+        raise KeyboardInterrupt(f"{out} holds the {run.totals.frames} frames that were finished")
     return run
 
 
@@ -137,16 +139,16 @@ def _mapped(
     if folder is not None:
         from swardmap.io.run_files import RunWriter
 
-        writer = RunWriter(folder, config)
+        writer = RunWriter(folder, config, source.frame_count)
     frames = iter(source)
     first = next(frames, None)
     if first is None:
         raise InputError(f"{source.name} holds no frame that can be mapped{_reasons(source)}")
-    T_base_camera, how = _mount(first, config)
-    mapper = ObstacleMapper(segmenter, config, T_base_camera)
+    mapper = ObstacleMapper(segmenter, config, configured_mount(config.mount))
+    mount = {"source": "poses of the recording" if mapper.T_base_camera is None else "configured"}
     totals, interrupted = RunTotals(), False
     try:
-        for step in mapper.run(_chain(first, frames)):
+        for step in mapper.run(_mounted(_chain(first, frames), mapper, mount)):
             totals.add(step)
             if writer is not None:
                 writer.add(step, mapper)
@@ -158,7 +160,8 @@ def _mapped(
             raise
     grid, costmap = mapper.map, mapper.costmap()
     summary = _summary(source, segmenter, config, totals, grid, interrupted)
-    summary["mount"] = {"source": how} | ({} if T_base_camera is None else _mount_facts(T_base_camera))
+    T_base_camera = mapper.T_base_camera
+    summary["mount"] = mount | ({} if T_base_camera is None else _mount_facts(T_base_camera))
     if writer is not None:
         writer.finish(grid, costmap, summary, mapper.living)
     run = MapRun(grid, costmap, totals, summary)
@@ -180,17 +183,16 @@ def _chain(first: Frame, rest: Iterator[Frame]) -> Iterator[Frame]:
         yield frame
 
 
-def _mount(first: Frame, config: Config) -> tuple[Pose | None, str]:
-    """T_base_camera for frames without poses, and where it comes from."""
-    T_base_camera = configured_mount(config.mount)
-    if T_base_camera is not None:
-        return T_base_camera, "configured"
-    if first.T_map_camera is not None:
-        return None, "poses of the recording"
-    from swardmap.level import estimate_mount
+def _mounted(frames: Iterator[Frame], mapper: ObstacleMapper, mount: dict[str, str]) -> Iterator[Frame]:
+    """The frames; at the first without a pose, the ground it sees gives the mount that is not configured."""
+    for frame in frames:
+        if frame.T_map_camera is None and mapper.T_base_camera is None:
+            from swardmap.level import estimate_mount
 
-    # not by its true labels: an evaluation must not profit from them
-    return estimate_mount(replace(first, labels=None)), "measured from the ground in the first frame"
+            # not by its true labels: an evaluation must not profit from them
+            mapper.T_base_camera = estimate_mount(replace(frame, labels=None))
+            mount["source"] = f"measured from the ground in frame {frame.name}, the first without a pose"
+        yield frame
 
 
 def _mount_facts(T_base_camera: Pose) -> dict[str, float]:

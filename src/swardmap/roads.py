@@ -71,6 +71,7 @@ def staged_grid(
     spec: GridSpec,
     config: CloudConfig,
     min_points: int,
+    min_grass_points: int | None = None,
 ) -> tuple[OccupancyGrid, PixelCounts]:
     """One frame's grid, stage by stage in NumPy: the oracle, and the only road with voxels and outliers.
 
@@ -80,7 +81,8 @@ def staged_grid(
         T_map_camera: pose of the camera in the grid's frame.
         spec: the grid.
         config: ranges and filters.
-        min_points: k of `classify_cells`.
+        min_points: of obstacle and person that mark a cell (`classify_cells`).
+        min_grass_points: of grass that clear one; None = min_points.
 
     Returns:
         The standalone grid of this frame, and what became of its pixels.
@@ -97,7 +99,7 @@ def staged_grid(
     thinned = _thinned(in_height, config)
     counts, outside = count_points(thinned, spec)
     sighting = Sighting(counts, _viewpoint_m(T_map_camera))
-    grid = OccupancyGrid(spec, classify_cells(counts, min_points), frame.stamp_ns, sighting)
+    grid = OccupancyGrid(spec, classify_cells(counts, min_points, min_grass_points), frame.stamp_ns, sighting)
     readings, ranged = int(np.isfinite(depth_m).sum()), int(np.isfinite(in_range).sum())
     return grid, PixelCounts(
         pixels=depth_m.size,
@@ -119,6 +121,7 @@ def fused_grid(
     spec: GridSpec,
     config: CloudConfig,
     min_points: int,
+    min_grass_points: int | None = None,
 ) -> tuple[OccupancyGrid, PixelCounts]:
     """The same as `staged_grid` in one compiled pass over the pixels, without voxels and outliers.
 
@@ -147,7 +150,7 @@ def fused_grid(
         config.consistent_neighbours, spec.width, spec.height, np.float32(1.0 / spec.resolution_m), counts,
     )  # fmt: skip
     classes = np.empty(spec.width * spec.height, np.uint8)
-    kernel.classify(counts, np.uint32(min_points), classes)
+    kernel.classify(counts, np.uint32(min_points), np.uint32(min_grass_points or min_points), classes)
     points = counts[: -kernel.REASONS].reshape(*spec.shape, 4)
     sighting = Sighting(points, _viewpoint_m(T_map_camera))
     grid = OccupancyGrid(spec, classes.reshape(spec.shape), frame.stamp_ns, sighting)

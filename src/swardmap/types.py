@@ -10,6 +10,9 @@ from swardmap.errors import FrameMismatchError, InvalidValueError
 from swardmap.geometry import Intrinsics, Pose, transform_points
 from swardmap.labels import VOID_ID, LabelSet
 
+MIN_DEPTH_UNIT_M, MAX_DEPTH_UNIT_M = 1e-6, 1.0
+"""Of cameras; what lies beyond is units a metre by mistake, or does not fit into float32."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
@@ -46,9 +49,10 @@ class Frame:
         who = f"frame {self.name or self.stamp_ns}"
         _check_array(f"{who}: rgb", self.rgb, (*size, 3), (np.uint8,))
         _check_array(f"{who}: depth", self.depth, size, (np.uint16, np.float32))
-        if not (np.isfinite(self.depth_unit_m) and self.depth_unit_m > 0):
+        if not MIN_DEPTH_UNIT_M <= self.depth_unit_m <= MAX_DEPTH_UNIT_M:
             raise InvalidValueError(
-                f"{who}: expected a positive depth unit in metres, got {self.depth_unit_m}"
+                f"{who}: expected a positive depth unit in metres (0.001 for millimetres), "
+                f"got {self.depth_unit_m}"
             )
         if self.depth.dtype == np.float32:
             object.__setattr__(self, "depth_unit_m", 1.0)

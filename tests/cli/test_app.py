@@ -1,9 +1,13 @@
 """The verbs as a user types them: exit codes, one clear line for a known error, help with an example."""
 
+import errno
 import json
 import os
+import shutil
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -12,8 +16,11 @@ import yaml
 from swardmap import __version__
 from swardmap.cli.app import app, run
 from swardmap.config import Config, config_from_dict
+from swardmap.errors import OutputError
 from swardmap.geometry import Intrinsics
+from swardmap.io.files import MARKER
 from swardmap.io.folder import write_folder
+from swardmap.recording import map_recording
 from swardmap.synth.analytic import AnalyticSource, garden_scene, lane_poses
 
 SMALL = Intrinsics(160, 120, 115.0, 115.0, 79.5, 59.5)
@@ -85,7 +92,7 @@ def test_an_option_wins_over_set_file_and_environment(
      (["map", "{rec}", "-o", "out", "--set", "grid.nonsense=0"], "unknown setting"),
      (["map", "{rec}", "-o", "out", "--segmenter", "missing.onnx"], "missing.onnx"),
      (["map", "{rec}", "-o", "out", "--format", "zip"], "one of"),
-     (["map", "{rec}", "-o", "{rec}"], "not empty"),
+     (["map", "{rec}", "-o", "{rec}"], "holds the recording itself"),
      (["map", "{rec}", "-o", "/proc/nowhere/out"], "/proc/nowhere"),
      (["config", "-c", "nowhere.yaml"], "cannot read"),
      (["convert", "nowhere.yaml", "out.png"], "nowhere.yaml")],
@@ -147,3 +154,62 @@ def test_demo_from_the_command_line(tmp_path: Path) -> None:
     again = subprocess.run(command, capture_output=True, text=True, check=False)
     assert again.returncode == 1
     assert "--overwrite" in again.stderr
+
+
+@pytest.mark.parametrize("out", ["", ".."])
+def test_overwrite_never_replaces_the_recording(
+    recording: Path, tmp_path: Path, out: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mine = tmp_path / "drives" / "one"
+    shutil.copytree(recording, mine)  # written by swardmap, so it holds the marker
+    (mine.parent / MARKER).write_text("")
+    before = sorted(mine.rglob("*"))
+    assert run(["map", str(mine), "-o", str(mine / out), "--overwrite", "--pictures", "0"]) == 1
+    assert "holds the recording itself" in one_line(capsys)
+    with pytest.raises(OutputError, match="holds the recording itself"):
+        map_recording(mine, mine / out, overwrite=True)
+    assert sorted(mine.rglob("*")) == before
+
+
+def test_a_broken_settings_file_is_told_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "c.yaml").write_text("grid: {a: [\n")
+    assert run(["config", "-c", str(tmp_path / "c.yaml")]) == 1
+    assert "line 2, column 1" in one_line(capsys)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_stopped_run_keeps_what_it_finished(tmp_path: Path, number: signal.Signals) -> None:
+    command = [sys.executable, "-m", "swardmap", "demo", "--frames", "500", "-o", str(tmp_path / "out"),
+               "--set", "output.pictures=1"]  # fmt: skip
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as running:
+        while not any(tmp_path.glob(".out.*/frames/*.png")):
+            assert running.poll() is None
+            time.sleep(0.02)
+        running.send_signal(number)
+        _, said = running.communicate(timeout=60)
+    summary = json.loads((tmp_path / "out/summary.json").read_text())
+    assert running.returncode == 130
+    assert (
+        said
+        == f"swardmap: interrupted: {tmp_path}/out holds the {summary['frames']} frames that were finished\n"
+    )
+    assert summary["interrupted"]
+    pictures = len(list((tmp_path / "out/frames").glob("*.png")))
+    assert summary["frames"] - 1 <= pictures <= summary["frames"]  # it may have been at the last one
+    assert [p.name for p in tmp_path.iterdir()] == ["out"]
+
+
+@pytest.mark.parametrize(
+    "error", [PermissionError(errno.EACCES, "Permission denied"), OSError(errno.EIO, "Input/output error")]
+)
+def test_a_place_that_may_not_be_looked_at_is_one_line(
+    error: OSError, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise error
+
+    monkeypatch.setattr(Path, "exists", refuse)  # as below a folder that is closed to us
+    assert run(["map", str(tmp_path / "x"), "-o", "out"]) == 1
+    assert f"cannot read {tmp_path}/x: {error.strerror}" in one_line(capsys)

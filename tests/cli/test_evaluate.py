@@ -49,7 +49,8 @@ def test_a_recording_becomes_tables_report_and_margin(
     lawn.classes[:] = 1
     write_map(lawn, tmp_path / "map.yaml")
     run("evaluate", recording, "-o", tmp_path / "out", "--segmenter", "colour", "--clean", tmp_path / "clean",
-        "--share", 0.5, "--confidence", 0.8, "--workers", 1, "--map", tmp_path / "map.yaml")  # fmt: skip
+        "--share", 0.5, "--confidence", 0.8, "--workers", 1, "--map", tmp_path / "map.yaml",
+        "--set", "grid.min_points=5", "--set", "grid.min_grass_points=1")  # fmt: skip
     printed = capsys.readouterr()
     assert "6 of 6 frames evaluated with 'colour'" in printed.out
     assert "evaluated 6 of 6 frames" in printed.err

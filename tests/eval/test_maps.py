@@ -1,14 +1,17 @@
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from swardmap.cloud import crop_range, label_cloud
 from swardmap.config import CloudConfig, Config, GridConfig
 from swardmap.errors import InputError, InvalidValueError
 from swardmap.eval.maps import (
     at_resolution,
+    cloud_map,
     compare_frame,
     compare_maps,
     frame_map,
@@ -19,6 +22,7 @@ from swardmap.eval.maps import (
 from swardmap.eval.tally import MapTally, MissedKind, MissKind, total_of
 from swardmap.geometry import Pose
 from swardmap.grid import GridSpec, OccupancyGrid
+from swardmap.io.cloud_files import read_cloud, write_pcd
 from swardmap.labels import GRASS_OBSTACLE_PERSON, MapClass
 from swardmap.roads import staged_grid
 from swardmap.synth.analytic import AnalyticSource, StereoNoise, garden_scene, lane_poses
@@ -41,7 +45,9 @@ def pose(frame: Frame) -> Pose:
 def test_true_labels_without_processing_give_the_reference_itself(resolution_m: float) -> None:
     for frame in frames():
         cloud = CloudConfig(consistent_neighbours=0)
-        config = Config(cloud=cloud, grid=GridConfig(resolution_m=resolution_m, min_points=1))
+        grid = GridConfig(resolution_m=resolution_m, min_points=1, min_grass_points=1)
+        config = Config(cloud=cloud, grid=grid)
+        config = Config(cloud=cloud, grid=grid)
         found = compare_frame(frame, true_segmentation(frame), pose(frame), config)
         assert np.array_equal(found.reference.classes, found.predicted.classes)
         assert found.tally.misses == {}
@@ -73,6 +79,17 @@ def test_the_dense_reference_is_the_staged_map_of_all_pixels() -> None:
     )
     assert np.array_equal(again.classes, reference.classes)
     assert counts.inconsistent == 0
+
+
+def test_an_annotated_cloud_gives_the_map_of_its_pixels(tmp_path: Path) -> None:
+    """The paper's way for real data: the cloud of a frame, annotated, saved as PCD, read, mapped."""
+    (frame, *_) = frames(StereoNoise())
+    reference = compare_frame(frame, true_segmentation(frame), pose(frame), Config()).reference
+    depth_m = crop_range(frame.depth_m, Config().cloud.min_range_m, Config().cloud.max_range_m)
+    write_pcd(label_cloud(frame, true_segmentation(frame), depth_m), tmp_path / "frame.pcd")
+    cloud = read_cloud(tmp_path / "frame.pcd", GRASS_OBSTACLE_PERSON)
+    again = cloud_map(cloud, pose(frame), Config(), reference.spec)
+    assert np.array_equal(again.classes, reference.classes)
 
 
 def test_range_bands_and_ties_of_a_planted_miss() -> None:

@@ -145,6 +145,10 @@ def test_cells_that_no_margin_reaches_are_never_covered() -> None:
     assert "no margin covers" in claim.reason
     assert "0.1000" in claim.reason
     assert claim.bootstrap_m is None
+    few = measure_margin(named([{1: 10}] * 398 + [{-1: 10}]), 0.05)
+    assert few.margin_m is None
+    assert "at this rate 739 frames with missed cells would do, got 399" in few.reason
+    assert measure_margin(named([{1: 10}] * 398 * 2 + [{-1: 10}] * 2), 0.05).margin_m == 0.05
     rare = measure_margin(named([{1: 10}] * 1999 + [{-1: 10}]), 0.05)
     assert rare.margin_m == 0.05
 

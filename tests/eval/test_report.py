@@ -11,8 +11,9 @@ from swardmap.eval import charts
 from swardmap.eval.charts import Mark
 from swardmap.eval.cost import margin_cost
 from swardmap.eval.dataset import DatasetSpec
+from swardmap.eval.margin_section import MarginOptions
 from swardmap.eval.report import report_html
-from swardmap.eval.results import MarginOptions, results
+from swardmap.eval.results import results
 from swardmap.eval.run import evaluate, make_plan
 from swardmap.grid import GridSpec, OccupancyGrid
 from swardmap.io.map_files import write_map

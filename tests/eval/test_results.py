@@ -11,9 +11,10 @@ from swardmap.errors import InvalidValueError
 from swardmap.eval.confusion import ConfusionMatrix
 from swardmap.eval.dataset import DatasetSpec
 from swardmap.eval.frame import Plan
+from swardmap.eval.margin_section import MarginOptions
 from swardmap.eval.output import METRIC_HEAD, write_results
 from swardmap.eval.report import report_html
-from swardmap.eval.results import MarginOptions, groups_of, map_total, mask_total, results, worst_first
+from swardmap.eval.results import groups_of, map_total, mask_total, results, worst_first
 from swardmap.eval.run import evaluate, make_plan
 from swardmap.eval.tables import latex, markdown, paper_tables
 from swardmap.eval.tally import MapTally

@@ -75,6 +75,9 @@ def test_another_plan_is_never_mixed_in(tmp_path: Path) -> None:
         evaluate(other, tmp_path, workers=1)
     records = evaluate(other, tmp_path, workers=1, overwrite=True)
     assert list(records[0]["maps"]) == ["dense@0.2"]
+    kept = (tmp_path / "parts" / "0000000-0000008.jsonl").stat().st_mtime_ns
+    evaluate(other, tmp_path, workers=1, overwrite=True)  # begins anew, though the plan is the same
+    assert (tmp_path / "parts" / "0000000-0000008.jsonl").stat().st_mtime_ns != kept
     stranger = tmp_path / "stranger"
     stranger.mkdir()
     (stranger / "thesis.txt").write_text("mine")
@@ -94,6 +97,35 @@ def test_the_plan_round_trips_and_is_read_back(tmp_path: Path) -> None:
     (tmp_path / "parts" / "0000000-0000008.jsonl").unlink()
     with pytest.raises(InputError, match="same command again"):
         read_records(tmp_path, 12)
+
+
+def test_two_networks_of_one_name_are_two_plans(tmp_path: Path) -> None:
+    network, fingerprints = tmp_path / "lawn.onnx", []
+    config = config_from_dict({"segmenter": {"name": str(network)}})
+    for content in (b"one", b"two", b"one"):
+        network.write_bytes(content)
+        fingerprints.append(make_plan(DatasetSpec(GARDENS), config).fingerprint)
+    assert fingerprints[0] != fingerprints[1]
+    assert fingerprints[0] == fingerprints[2]
+    network.unlink()
+    with pytest.raises(InputError, match=r"lawn\.onnx"):
+        make_plan(DatasetSpec(GARDENS), config)
+
+
+def test_a_process_that_dies_is_one_clear_error_and_what_is_finished_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan = small_plan("analytic:scenes=4,frames=8,width=96")
+    expected = evaluate(plan, tmp_path / "alone", workers=1)
+    monkeypatch.setattr("swardmap.eval.run._start_worker", _die_at_once)
+    with pytest.raises(InputError, match="died, perhaps for want of memory"):
+        evaluate(plan, tmp_path / "run", workers=2)
+    monkeypatch.undo()
+    assert evaluate(plan, tmp_path / "run", workers=2) == expected
+
+
+def _die_at_once(_: int) -> None:
+    os._exit(1)
 
 
 class Broken:

@@ -207,3 +207,15 @@ def test_read_bytes_says_what_is_wrong(tmp_path: Path) -> None:
         read_bytes(tmp_path / "big", limit=10)
     with pytest.raises(InputError, match="cannot read"):
         read_bytes("a\0b")
+
+
+def test_of_two_runs_into_one_folder_the_first_to_end_stays(tmp_path: Path) -> None:
+    target = tmp_path / "out"
+    with (
+        pytest.raises(OutputError, match=r"cannot write .*out: Directory not empty"),
+        new_output_folder(target),
+        new_output_folder(target) as first,
+    ):
+        (first / "map.pgm").write_bytes(b"first")
+    assert names(tmp_path) == ["out"]
+    assert (target / "map.pgm").read_bytes() == b"first"

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from swardmap.config import SegmenterConfig
 from swardmap.errors import ConfigError, InvalidValueError, ModelError
-from swardmap.labels import GRASS, GRASS_OBSTACLE, GRASS_OBSTACLE_PERSON, OTHER, VOID_ID
-from swardmap.models import build_segmenter, bundled_network
+from swardmap.labels import GRASS_OBSTACLE, GRASS_OBSTACLE_PERSON, OTHER, VOID_ID
+from swardmap.models import build_segmenter
 from swardmap.models.onnx import OnnxSegmenter, decide, preprocess
 from swardmap.models.spec import METADATA_KEY, NetworkSpec
 from swardmap.types import Frame
@@ -208,15 +208,3 @@ def test_another_size_or_type_of_input_is_refused(tmp_path: Path) -> None:
 def test_a_provider_that_is_not_there_is_refused_with_those_that_are(network: Path) -> None:
     with pytest.raises(ConfigError, match="CPUExecutionProvider"):
         OnnxSegmenter(network, provider="NoSuchExecutionProvider")
-
-
-def test_the_bundled_network_tells_a_lawn_from_the_sky(lawn_frame: MakeFrame) -> None:
-    if bundled_network() is None:
-        pytest.skip("this package holds no network")
-    frame = lawn_frame(480, 640)
-    found = build_segmenter(SegmenterConfig(name="auto"))(frame)
-    mask = found.resized_to(480, 640).labels
-    assert found.confidence is not None
-    assert np.isfinite(found.confidence).all()
-    assert (mask[:100] == OTHER.id).mean() > 0.9
-    assert (mask[400:] == GRASS.id).mean() > 0.5

@@ -66,9 +66,8 @@ def run(arguments: list[str]) -> int:
     except SwardmapError as error:
         print(f"swardmap: {error}", file=sys.stderr)
         return 1
-    except (KeyboardInterrupt, typer.Abort):
-        print("swardmap: interrupted", file=sys.stderr)
-        return 130
+    except (KeyboardInterrupt, typer.Abort) as stop:
+        return _interrupted(*stop.args)
     except BrokenPipeError:
         return 0
     except Exception as error:
@@ -77,4 +76,11 @@ def run(arguments: list[str]) -> int:
             raise
         show()
         return int(getattr(error, "exit_code", 2))
+    if result == 130:  # typer's own catch of Ctrl-C
+        return _interrupted()
     return result if isinstance(result, int) else 0
+
+
+def _interrupted(*about: object) -> int:
+    print(": ".join(["swardmap: interrupted", *map(str, about)]), file=sys.stderr)
+    return 130

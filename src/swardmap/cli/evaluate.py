@@ -76,9 +76,10 @@ def evaluate_command(
     from swardmap.eval.budget import PoseNoise
     from swardmap.eval.cost import margin_cost
     from swardmap.eval.dataset import DatasetSpec
+    from swardmap.eval.margin_section import MarginOptions
     from swardmap.eval.output import write_results
     from swardmap.eval.report import report_html
-    from swardmap.eval.results import MarginOptions, results
+    from swardmap.eval.results import results
     from swardmap.eval.run import evaluate, make_plan
 
     spec = DatasetSpec(dataset, chosen.source, str(clean) if clean else None, str(masks) if masks else None)

@@ -17,8 +17,10 @@ Examples:
 
 
 def map_command(
-    source: Annotated[Path, typer.Argument(help="Recording: a folder, a ROS bag, an MCAP file.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.")],
+    source: Annotated[
+        Path, typer.Argument(help="Recording: a folder, a ROS bag, an MCAP file.", readable=False)
+    ],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.", readable=False)],
     kind: Annotated[
         str | None, typer.Option("--format", help="Kind of recording, if it is not recognised.")
     ] = None,
@@ -27,7 +29,9 @@ def map_command(
     margin: Annotated[
         float | None, typer.Option(help="Margin in metres that obstacles are grown by.")
     ] = None,
-    pictures: Annotated[int | None, typer.Option(help="A picture of every n-th frame; 0 = none.")] = None,
+    pictures: Annotated[
+        int | None, typer.Option(help="A picture of every n-th frame; 0 = none. Without it: about 50.")
+    ] = None,
     clouds: Annotated[str | None, typer.Option(help="Cloud of each frame: none, pcd, ply.")] = None,
     config: ConfigFile = None,
     set_: Settings = None,
@@ -47,8 +51,10 @@ def map_command(
     chosen = settings(config, overrides)
 
     from swardmap.io import open_source
+    from swardmap.io.files import refuse_to_replace
     from swardmap.recording import map_recording
 
+    refuse_to_replace(source, out)
     frames = open_source(source, chosen.source)
     with Progress(frames.frame_count, quiet=as_json) as on_step:
         run = map_recording(frames, out, chosen, overwrite=overwrite, on_step=on_step)

@@ -53,9 +53,11 @@ class Progress:
             self._task = self._bar.add_task("frames", total=self._total)
         return self.step
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, _: object, error: BaseException | None, __: object) -> None:
         if self._bar is not None:
             self._bar.stop()
+        if isinstance(error, KeyboardInterrupt):
+            raise typer.Abort(*error.args) from error  # typer would drop what it says
 
     def step(self, _: StepResult) -> None:
         """One frame is done."""

@@ -1,6 +1,7 @@
 """Parts of an evaluation on a Ray cluster; every node must see the data set under the same path."""
 
 import os
+import socket
 from collections.abc import Iterator
 from typing import Any
 
@@ -24,11 +25,12 @@ def on_ray(plan: Plan, todo: list[tuple[int, int]], address: str) -> Iterator[tu
     ray: Any = require("ray", "ray")
     ours = not ray.is_initialized()
     if ours:
+        _knock(address)
         try:
             ray.init(
                 address=None if address == "local" else address, log_to_driver=False, logging_level="error"
             )
-        except (ConnectionError, ValueError, RuntimeError, OSError) as error:
+        except (ray.exceptions.RayError, ValueError, RuntimeError, OSError) as error:
             raise InputError(f"no Ray cluster at '{address}': {error}") from error
     try:
         remote = ray.remote(num_cpus=1, max_retries=-1)(evaluate_part)
@@ -39,3 +41,15 @@ def on_ray(plan: Plan, todo: list[tuple[int, int]], address: str) -> Iterator[tu
     finally:
         if ours:
             ray.shutdown()
+
+
+def _knock(address: str) -> None:
+    """Ray itself would try for minutes where nobody answers."""
+    host, _, port = address.removeprefix("ray://").rpartition(":")
+    if not host or not port.isdigit():
+        return
+    try:
+        with socket.create_connection((host, int(port)), timeout=10):
+            pass
+    except OSError as error:
+        raise InputError(f"no Ray cluster at '{address}': {error}") from error

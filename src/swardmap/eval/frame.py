@@ -39,6 +39,7 @@ class Plan:
         with_budget: run the budget.
         seed: of the pose noise and of every bootstrap.
         T_base_camera: mount for frames without pose: 16 numbers, row by row.
+        network: digest of the network file, if there is one.
     """
 
     dataset: DatasetSpec
@@ -49,6 +50,7 @@ class Plan:
     with_budget: bool = True
     seed: int = 0
     T_base_camera: tuple[float, ...] | None = None
+    network: str = ""
 
     def __post_init__(self) -> None:
         wrong = [p for p in self.protocols if p not in PROTOCOLS]
@@ -86,12 +88,19 @@ class Plan:
             with_budget=plain["with_budget"],
             seed=plain["seed"],
             T_base_camera=None if mount is None else tuple(mount),
+            network=plain["network"],
         )
 
     @property
     def fingerprint(self) -> str:
         """Tells plans apart: results of different plans are never mixed."""
         return sha256(self.to_json().encode()).hexdigest()[:16]
+
+    @property
+    def segmenter_name(self) -> str:
+        """What a report calls the segmenter; a network file with the head of its digest."""
+        name = self.config.segmenter.name
+        return f"{name} (network {self.network[:8]})" if self.network else name
 
     @property
     def main(self) -> str:

@@ -7,16 +7,18 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from swardmap.cloud import crop_height
 from swardmap.config import Config
 from swardmap.errors import InputError, InvalidValueError
 from swardmap.eval.confusion import confusion_of_maps
 from swardmap.eval.dmin import Misses, find_misses, nearest_hits
 from swardmap.eval.tally import RANGE_BANDS_M, MapTally, MissedKind, MissKind
 from swardmap.geometry import Pose
-from swardmap.grid import GridSpec, OccupancyGrid
+from swardmap.grid import GridSpec, OccupancyGrid, classify_cells, count_points
+from swardmap.labels import MapClass
 from swardmap.pipeline import view_spec
 from swardmap.roads import fused_grid, staged_grid
-from swardmap.types import Frame, Segmentation
+from swardmap.types import Frame, LabeledCloud, Segmentation
 
 PROTOCOLS = ("dense", "paper")
 """dense: the reference takes every valid pixel, unfiltered, of the clean depth where there is one. paper: it
@@ -102,7 +104,7 @@ def protocol_configs(config: Config, protocol: str) -> tuple[Config, Config]:
     if protocol == "dense":
         return dense(config), config
     if protocol == "paper":
-        same = replace(config, grid=replace(config.grid, min_points=1))
+        same = replace(config, grid=replace(config.grid, min_points=1, min_grass_points=1))
         return same, same
     raise InvalidValueError(f"expected a protocol of {', '.join(PROTOCOLS)}, got '{protocol}'")
 
@@ -111,7 +113,7 @@ def protocol_configs(config: Config, protocol: str) -> tuple[Config, Config]:
 def dense(config: Config) -> Config:
     """Every valid pixel within the limits counts: no filter, and one point is enough for a cell."""
     cloud = replace(config.cloud, consistent_neighbours=0, voxel_m=0.0, outliers="none")
-    return replace(config, cloud=cloud, grid=replace(config.grid, min_points=1))
+    return replace(config, cloud=cloud, grid=replace(config.grid, min_points=1, min_grass_points=1))
 
 
 @lru_cache(maxsize=32)
@@ -134,8 +136,29 @@ def frame_map(
     """
     spec = spec or spec_of(frame, T_map_camera, config)
     road = fused_grid if config.road == "fused" else staged_grid
-    grid, _ = road(frame, segmentation, T_map_camera, spec, config.cloud, config.grid.min_points)
+    k_mark, k_clear = config.grid.min_points, config.grid.min_grass_points
+    grid, _ = road(frame, segmentation, T_map_camera, spec, config.cloud, k_mark, k_clear)
     return grid
+
+
+def cloud_map(cloud: LabeledCloud, T_map_cloud: Pose, config: Config, spec: GridSpec) -> OccupancyGrid:
+    """The reference map of an annotated cloud, as the paper makes it for real data (Sec. 4.1.2).
+
+    Every point with a label counts, within the height limits; void points say nothing.
+
+    Args:
+        cloud: from `io.cloud_files` or `io.annotation_files`.
+        T_map_cloud: pose of the cloud's frame.
+        config: of the robot; only its height limits are used.
+        spec: grid of the predicted map.
+    """
+    known = cloud[cloud.label_set.map_class_table[cloud.labels] != MapClass.UNKNOWN]
+    renamed = Pose(T_map_cloud.parent, known.frame_id, T_map_cloud.matrix)
+    in_grid = crop_height(
+        known.transformed(spec.T_grid_map @ renamed), config.cloud.min_height_m, config.cloud.max_height_m
+    )
+    counts, _ = count_points(in_grid, spec)
+    return OccupancyGrid(spec, classify_cells(counts, 1), cloud.stamp_ns)
 
 
 def spec_of(frame: Frame, T_map_camera: Pose, config: Config) -> GridSpec:

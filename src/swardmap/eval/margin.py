@@ -175,13 +175,14 @@ def _mean_losses(units: UnitMisses) -> tuple[list[int], list[float]]:
 
 def _is_proven(mean_loss: float, n: int, share: float, confidence: float) -> bool:
     """Whether so small a mean loss over n units is improbable enough if the true one were 1 - share."""
-    allowed = 1 - share
-    if n == 0 or mean_loss >= allowed:
+    if n == 0 or mean_loss >= 1 - share:
         return False
-    divergence = (1 - mean_loss) * math.log((1 - mean_loss) / (1 - allowed))
-    if mean_loss > 0:
-        divergence += mean_loss * math.log(mean_loss / allowed)
-    return -n * divergence <= math.log(1 - confidence) + 1e-12
+    return -n * _divergence(mean_loss, 1 - share) <= math.log(1 - confidence) + 1e-12
+
+
+def _divergence(r: float, a: float) -> float:
+    """kl(r, a): relative entropy of two coins, r < a."""
+    return (1 - r) * math.log((1 - r) / (1 - a)) + (r * math.log(r / a) if r > 0 else 0.0)
 
 
 def _order_statistic(units: UnitMisses, share: float, confidence: float) -> float | None:
@@ -239,10 +240,15 @@ def _reason(n: int, needed: int, share: float, confidence: float, unit: str, los
             f"{what} needs at least {needed} independent {unit}s with missed cells, got {n}; "
             f"these could carry a share of {math.floor(most * 1000) / 1000:.3f} at most"
         )
-    return (
-        f"no margin covers {what}: even the largest leaves {losses[-1]:.4f} of a {unit}'s missed cells "
+    least = losses[-1]
+    refusal = (
+        f"no margin covers {what}: even the largest leaves {least:.4f} of a {unit}'s missed cells "
         "uncovered on average, in maps without one found cell"
     )
+    if least >= 1 - share:
+        return refusal
+    enough = math.ceil(-math.log(1 - confidence) / _divergence(least, 1 - share))
+    return f"{refusal}; at this rate {enough} {unit}s with missed cells would do, got {n}"
 
 
 def _metres(squared: float | None, resolution_m: float) -> float | None:

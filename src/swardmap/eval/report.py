@@ -1,6 +1,6 @@
 """The report: one HTML file that works from a disk, offline, on a phone and in print."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from html import escape
 from importlib import resources
 from string import Template
@@ -11,9 +11,10 @@ from swardmap.eval import charts
 from swardmap.eval.charts import Mark
 from swardmap.eval.dataset import dataset_name
 from swardmap.eval.distances import DistanceHistogram
+from swardmap.eval.fragments import card, d_min_row, figure, keys, metres, pct, points, sentence, table
 from swardmap.eval.frame import Plan
 from swardmap.eval.gallery import frame_figure
-from swardmap.eval.tables import UNDEFINED, paper_tables, percent
+from swardmap.eval.tables import paper_tables
 
 Results = Mapping[str, Any]
 FRAMES_SHOWN = 8
@@ -60,7 +61,7 @@ def summary_html(results: Results) -> str:
     if margin["margin_m"] is None:
         verdict = (
             '<div class="verdict none"><p><strong>No margin can be promised</strong></p>'
-            f"<p>{escape(_sentence(margin['reason']))}</p>"
+            f"<p>{escape(sentence(margin['reason']))}</p>"
         )
     else:
         persons = margin["person_margin_m"]
@@ -81,13 +82,13 @@ def _cards(results: Results) -> list[str]:
     cells, d_min, missed = section["cells"], section["d_min"]["all"], section["missed"]
     free, person = cells["obstacle_called_free"], cells["person_called_free"]
     return [
-        _card(_pct(free["share"]), "of obstacle cells called free", f"{free['count']} of {free['of']}"),
-        _card(_pct(person["share"]), "of person cells called free", f"{person['count']} of {person['of']}"),
-        _card(_m(d_min["mean_m"]), "mean d_min-obst", f"{d_min['count']} missed cells"),
-        _card(_m(d_min["quantiles_m"]["0.99"]), "d_min-obst of 99 %", f"largest {_m(d_min['max_m'])}"),
-        _card(str(missed["called_free"]), "whole obstacles called free",
+        card(pct(free["share"]), "of obstacle cells called free", f"{free['count']} of {free['of']}"),
+        card(pct(person["share"]), "of person cells called free", f"{person['count']} of {person['of']}"),
+        card(metres(d_min["mean_m"]), "mean d_min-obst", f"{d_min['count']} missed cells"),
+        card(metres(d_min["quantiles_m"]["0.99"]), "d_min-obst of 99 %", f"largest {metres(d_min['max_m'])}"),
+        card(str(missed["called_free"]), "whole obstacles called free",
               f"of {missed['obstacles']}; {missed['missed'] - missed['called_free']} more were not seen"),
-        _card(_pct(results["masks"]["overall"]["accuracy"]), "of pixels right",
+        card(pct(results["masks"]["overall"]["accuracy"]), "of pixels right",
               f"{results['masks']['overall']['counted']} pixels"),
     ]  # fmt: skip
 
@@ -102,22 +103,22 @@ def budget_html(results: Results) -> str:
     heads = ("", "called free", "not seen", "false alarms", "mean d_min", "missed", "called free",
              "adds to called free", "adds to missed")  # fmt: skip
     body = [
-        (r["rung"], _pct(r["called_free"]["share"]), _pct(r["not_seen"]["share"]),
-         _pct(r["false_alarm"]["share"]), _m(r["d_min"]["mean_m"]), str(r["missed"]),
-         str(r["missed_called_free"]), _points(r["added"]["called_free"]), f"{r['added']['missed']:+.0f}")
+        (r["rung"], pct(r["called_free"]["share"]), pct(r["not_seen"]["share"]),
+         pct(r["false_alarm"]["share"]), metres(r["d_min"]["mean_m"]), str(r["missed"]),
+         str(r["missed_called_free"]), points(r["added"]["called_free"]), f"{r['added']['missed']:+.0f}")
         for r in rows
     ]  # fmt: skip
-    called = [(r["rung"], r["called_free"]["share"], _pct(r["called_free"]["share"])) for r in rows]
-    unseen = [(r["rung"], r["not_seen"]["share"], _pct(r["not_seen"]["share"])) for r in rows]
+    called = [(r["rung"], r["called_free"]["share"], pct(r["called_free"]["share"])) for r in rows]
+    unseen = [(r["rung"], r["not_seen"]["share"], pct(r["not_seen"]["share"])) for r in rows]
     return (
         "<p>The same frames, mapped again with one stage after another switched from true to real. Rungs "
         'with a + build on the one above; below them each stage alone.</p><div class="pair">'
-        + _figure(charts.bars(called, "obstacle cells called free", "", "var(--miss)"),
+        + figure(charts.bars(called, "obstacle cells called free", "", "var(--miss)"),
                   "Obstacle cells called free: what hits something.", results)
-        + _figure(charts.bars(unseen, "obstacle cells not seen", "", "var(--soft)"),
+        + figure(charts.bars(unseen, "obstacle cells not seen", "", "var(--soft)"),
                   "Obstacle cells of which nothing is said: they stay unknown, which is never free.", results)
         + "</div>"
-        + _table(heads, body)
+        + table(heads, body)
         + "<p class='soft'>Shares are of obstacle cells, false alarms of grass; missed: whole obstacles, "
           "and how many of them were called free. A rung adds percentage points, and obstacles.</p>"
         + left_out
@@ -131,17 +132,17 @@ def distances_html(results: Results) -> str:
     d_min = results["maps"][results["main"]]["overall"]["d_min"]
     histogram = DistanceHistogram.from_dict(d_min["histogram"])
     rows = [
-        _d_min_row("all", d_min["all"]),
-        _d_min_row("obstacle cells", d_min["obstacle"]),
-        _d_min_row("person cells", d_min["person"]),
-        _d_min_row("of obstacles found in part", d_min["obstacles_found_in_part"]),
+        d_min_row("all", d_min["all"]),
+        d_min_row("obstacle cells", d_min["obstacle"]),
+        d_min_row("person cells", d_min["person"]),
+        d_min_row("of obstacles found in part", d_min["obstacles_found_in_part"]),
     ]
     for band in d_min["by_range_m"]:
         upper = "and more" if band["to"] is None else f"to {band['to']:g} m"
-        rows.append(_d_min_row(f"{band['from']:g} {upper} away", band))
+        rows.append(d_min_row(f"{band['from']:g} {upper} away", band))
     heads = ("missed cells", "count", "mean", "variance", "median", "90 %", "95 %", "99 %", "largest")
     if histogram.count == 0:
-        return "<p>No missed cell has a distance.</p>" + _table(heads, rows)
+        return "<p>No missed cell has a distance.</p>" + table(heads, rows)
     mean, q99 = d_min["all"]["mean_m"], d_min["all"]["quantiles_m"]["0.99"]
     marks = [
         Mark(mean, f"mean {mean:.2f} m", "var(--obstacle)"),
@@ -152,8 +153,8 @@ def distances_html(results: Results) -> str:
     return (
         "<p>d_min-obst (Eq. 3) of each obstacle cell that was called grass: its distance to the nearest cell "
         "that was found. The paper reports its mean; a margin has to cover the tail.</p>"
-        + _figure(chart, "Missed cells by distance to the nearest found cell.", results)
-        + _table(heads, rows)
+        + figure(chart, "Missed cells by distance to the nearest found cell.", results)
+        + table(heads, rows)
     )
 
 
@@ -176,14 +177,15 @@ def margin_html(results: Results) -> str:
             [(p[0], p[1]) for p in margin["curve"]], marks, "margin in metres", "missed cells covered",
             "share of missed cells covered by a margin", steps=True,
         )  # fmt: skip
-        html += _figure(chart, "Share of the missed cells of these frames that a margin covers.", results)
+        html += figure(chart, "Share of the missed cells of these frames that a margin covers.", results)
     heads = ("missed cells", "of obstacles", "independent", "units", "cells", "proven margin",
              "no cell farther", "bootstrap", "plain quantile", "units needed")  # fmt: skip
     rows = [
         ("all" if c["cells"] == "all" else "nearest to a person",
          "found in part" if c["population"] == "found" else "all", c["unit"],
          *(str(c[k]) for k in ("units", "misses")),
-         *(_m(c[k]) for k in ("margin_m", "every_cell_m", "bootstrap_m", "pooled_m")), str(c["units_needed"]))
+         *(metres(c[k]) for k in ("margin_m", "every_cell_m", "bootstrap_m", "pooled_m")),
+         str(c["units_needed"]))
         for c in margin["claims"]
     ]  # fmt: skip
     note = (
@@ -193,7 +195,7 @@ def margin_html(results: Results) -> str:
         "such cells. Frames of one sequence resemble each other: where the rows by sequence are refused, the "
         "rows by frame hold only as far as frames can be taken as independent.</p>"
     )
-    return html + _table(heads, rows) + note
+    return html + table(heads, rows) + note
 
 
 def cost_html(results: Results) -> str:
@@ -205,9 +207,9 @@ def cost_html(results: Results) -> str:
     reached = [(p["margin_m"], p["share"]) for p in cost["points"] if p["share"] is not None]
     marks = [] if cost["margin_m"] is None else [Mark(cost["margin_m"], "margin", "var(--ink)")]
     chart = charts.curve(covered, marks, "margin in metres", "share", "cost of the margin", second=reached)
-    keys = _keys({"misses covered": "var(--miss)", "lawn still reached": "var(--grass)"})
-    return _figure(
-        chart, f"A mower {cost['mower_width_m']:g} m wide on {escape(str(cost['map']))}.", results, keys
+    legend = keys({"misses covered": "var(--miss)", "lawn still reached": "var(--grass)"})
+    return figure(
+        chart, f"A mower {cost['mower_width_m']:g} m wide on {escape(str(cost['map']))}.", results, legend
     )
 
 
@@ -226,22 +228,22 @@ def missed_html(results: Results) -> str:
         f"<p>{missed['missed']} of {missed['obstacles']} connected obstacles of the reference maps have no "
         f"found cell ({missed['persons']} of them persons). No margin covers them. Single cells are often "
         "noise of the reference or a rim; large ones never are.</p>"
-        + _table(("cells", "missed", "called free"), rows)
+        + table(("cells", "missed", "called free"), rows)
     )
 
 
 def gallery_html(plan: Plan, results: Results) -> str:
     """The worst frames."""
     figures = [frame_figure(plan, index, results["command"]) for index in results["worst"][:FRAMES_SHOWN]]
-    keys = _keys({"grass": "#68b454", "obstacle": "#4267b2", "person": "#f0b428", "unknown": "var(--unknown)",
-                  "missed, tied to the nearest found cell": "#d6333a"})  # fmt: skip
-    return f'<p>{keys}</p><div class="frames">{"".join(figures)}</div>' if any(figures) else ""
+    colors = {"grass": "#68b454", "obstacle": "#4267b2", "person": "#f0b428", "unknown": "var(--unknown)"}
+    legend = keys(colors | {"missed, tied to the nearest found cell": "#d6333a"})
+    return f'<p>{legend}</p><div class="frames">{"".join(figures)}</div>' if any(figures) else ""
 
 
 def tables_html(results: Results) -> str:
     """Tables 2-10, closed until asked for."""
     return "".join(
-        f"<details><summary>Table {t.number}. {escape(t.caption)}</summary>{_table(t.head, t.rows)}</details>"
+        f"<details><summary>Table {t.number}. {escape(t.caption)}</summary>{table(t.head, t.rows)}</details>"
         for t in paper_tables(results)
     )
 
@@ -254,53 +256,3 @@ def left_out_html(results: Results) -> str:
     items = "".join(f"<li>frame {b['index']}: {escape(b['error'])}</li>" for b in bad[:200])
     more = f"<p>and {len(bad) - 200} more, see frames.csv</p>" if len(bad) > 200 else ""
     return f'<p>{len(bad)} frames are in none of the numbers.</p><ul class="plain">{items}</ul>{more}'
-
-
-def _figure(chart: str, caption: str, results: Results, keys: str = "") -> str:
-    return (
-        f"<figure>{keys}{chart}<figcaption>{escape(caption)}<br>"
-        f"<code>{escape(results['command'])}</code></figcaption></figure>"
-    )
-
-
-def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    head = "".join(f"<th>{escape(h)}</th>" for h in heads)
-    body = "".join("<tr>" + "".join(f"<td>{escape(c)}</td>" for c in row) + "</tr>" for row in rows)
-    return f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
-
-
-def _d_min_row(name: str, d_min: Mapping[str, Any]) -> tuple[str, ...]:
-    q = d_min["quantiles_m"]
-    variance = UNDEFINED if d_min["variance_m2"] is None else f"{d_min['variance_m2']:.4f} m²"
-    return (
-        name,
-        str(d_min["count"]),
-        _m(d_min["mean_m"]),
-        variance,
-        *map(_m, q.values()),
-        _m(d_min["max_m"]),
-    )
-
-
-def _card(value: str, what: str, more: str) -> str:
-    return f"<div><b>{escape(value)}</b>{escape(what)}<small>{escape(more)}</small></div>"
-
-
-def _keys(colors: Mapping[str, str]) -> str:
-    return "".join(f'<span class="key" style="background:{c}"></span>{escape(n)}' for n, c in colors.items())
-
-
-def _sentence(text: str) -> str:
-    return text[:1].upper() + text[1:] + "."
-
-
-def _pct(share: float | None) -> str:
-    return UNDEFINED if share is None else f"{percent(share)} %"
-
-
-def _points(share: float | None) -> str:
-    return UNDEFINED if share is None else f"{100 * share:+.2f}"
-
-
-def _m(metres: float | None) -> str:
-    return UNDEFINED if metres is None else f"{metres:.3f} m"

@@ -13,7 +13,9 @@ import json
 import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
+from hashlib import sha256
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -55,7 +57,17 @@ def make_plan(dataset: DatasetSpec, config: Config | None = None, **options: Any
             from swardmap.level import estimate_mount
 
             mount = tuple(estimate_mount(first).matrix.ravel().tolist())
-    return Plan(dataset, config, T_base_camera=mount, **options)
+    return Plan(dataset, config, T_base_camera=mount, network=_network_digest(config), **options)
+
+
+def _network_digest(config: Config) -> str:
+    """Tells network files apart, so that results of two networks of one name are never mixed."""
+    from swardmap.io.files import read_bytes
+    from swardmap.models import bundled_network
+
+    name = config.segmenter.name
+    path = bundled_network() if name == "auto" else Path(name) if name.lower().endswith(".onnx") else None
+    return "" if path is None else sha256(read_bytes(path)).hexdigest()[:16]
 
 
 def evaluate(
@@ -76,7 +88,7 @@ def evaluate(
         workers: processes; None = one a core, 1 = this one.
         ray_address: Ray cluster to use in place of processes.
         strict: stop at the first frame that cannot be evaluated.
-        overwrite: throw away what `out` holds of another plan.
+        overwrite: throw away what `out` holds of this or another plan, and begin anew.
         on_done: told of the progress.
 
     Returns:
@@ -149,7 +161,7 @@ def _prepare(plan: Plan, out: Path, overwrite: bool) -> int:
             known = json.loads((out / "plan.json").read_text(encoding="utf-8"))
         except ValueError:
             known = {}
-        if known.get("fingerprint") == plan.fingerprint:
+        if known.get("fingerprint") == plan.fingerprint and not overwrite:
             return int(known["frames"])
         if not overwrite:
             raise OutputError(
@@ -222,9 +234,19 @@ def _in_processes(plan: Plan, todo: Iterable[Part], workers: int) -> Iterator[tu
                     return
                 finished, _ = wait(running, return_when=FIRST_COMPLETED)
                 for future in finished:
-                    yield running.pop(future), future.result()
+                    yield running.pop(future), _text_of(future)
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _text_of(future: "Future[str]") -> str:
+    try:
+        return future.result()
+    except BrokenProcessPool as error:
+        raise InputError(
+            "a process of the evaluation died, perhaps for want of memory; give the same command again, "
+            "with fewer --workers: what is finished is kept"
+        ) from error
 
 
 def _one_thread(config: Config) -> Config:

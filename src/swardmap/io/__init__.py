@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 from swardmap.config import SourceConfig
-from swardmap.errors import InputError
+from swardmap.errors import InputError, SwardmapError
 from swardmap.labels import LabelSet
 from swardmap.types import Frame
 
@@ -73,13 +73,20 @@ def open_source(location: str | Path, config: SourceConfig | None = None) -> Fra
     """
     config = config or SourceConfig()
     path = Path(location)
-    if not path.exists():
-        raise InputError(f"no such recording: {path}")
-    kinds = [config.format] if config.format else list(SOURCES)
-    for kind in kinds:
-        module: SourceModule = importlib.import_module(SOURCES[kind])  # type: ignore[assignment]
-        if config.format or module.recognises(path):
-            return module.open_source(path, config)
+    try:
+        if not path.exists():
+            raise InputError(f"no such recording: {path}")
+        if path.is_dir():
+            next(path.iterdir(), None)  # what cannot be listed looks empty to those who ask for a name
+        kinds = [config.format] if config.format else list(SOURCES)
+        for kind in kinds:
+            module: SourceModule = importlib.import_module(SOURCES[kind])  # type: ignore[assignment]
+            if config.format or module.recognises(path):
+                return module.open_source(path, config)
+    except (OSError, ValueError) as error:  # ValueError: a null byte in the name
+        if isinstance(error, SwardmapError):
+            raise
+        raise InputError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from error
     raise InputError(
         f"{path} is not a recording that swardmap knows ({', '.join(SOURCES)}). "
         "Name its kind with --format, or see docs/recordings.md for the folder layout."

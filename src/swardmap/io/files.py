@@ -122,11 +122,24 @@ def new_output_folder(path: str | Path, overwrite: bool = False) -> Iterator[Pat
         write_text(staging / MARKER, "Made by swardmap. --overwrite may replace this folder.\n")
         yield staging
         try:
-            _publish(staging, target)
+            _publish(staging, target, overwrite)
         except OSError as error:
             raise _output_error(target, error) from error
     finally:
         shutil.rmtree(staging, ignore_errors=True)
+
+
+def refuse_to_replace(source: str | Path, out: str | Path) -> None:
+    """Hold that writing results to `out` cannot delete the recording they are made of.
+
+    Raises:
+        OutputError: if `out` is `source`, or a folder around it that is in use.
+    """
+    target = Path(out).resolve()
+    if target in (Path(source).resolve(), *Path(source).resolve().parents) and target.is_dir():
+        raise OutputError(
+            f"{target} holds the recording itself ({source}): choose another folder for the results"
+        )
 
 
 def inside(folder: Path, name: str) -> Path:
@@ -188,10 +201,10 @@ def _refuse_occupied(target: Path, overwrite: bool) -> None:
         )
 
 
-def _publish(staging: Path, target: Path) -> None:
+def _publish(staging: Path, target: Path, overwrite: bool) -> None:
     if staging.parent == target:
         _exchange_content(staging, target)
-    elif target.exists():
+    elif overwrite and target.exists():
         old = _beside(target)
         target.rename(old)
         try:
@@ -201,7 +214,9 @@ def _publish(staging: Path, target: Path) -> None:
             raise
         shutil.rmtree(old, ignore_errors=True)
     else:
-        staging.rename(target)
+        staging.rename(
+            target
+        )  # fails if another run has filled the folder meanwhile; an empty one may be there
 
 
 def _exchange_content(staging: Path, target: Path) -> None:

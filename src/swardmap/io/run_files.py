@@ -32,11 +32,13 @@ class RunWriter:
     Args:
         folder: an existing empty folder.
         config: of the run; `config.output` says what to write.
+        frame_count: of the recording, or None if it cannot be known.
     """
 
-    def __init__(self, folder: Path, config: Config) -> None:
+    def __init__(self, folder: Path, config: Config, frame_count: int | None = None) -> None:
         self._folder = folder
         self._config = config
+        self._every = _every_nth(config.output.pictures, frame_count)
         self._frames = 0
         write_text(folder / "config.yaml", config_to_yaml(config), durable=False)
 
@@ -48,7 +50,7 @@ class RunWriter:
             write_cloud(step.cloud(self._config), self._folder / "clouds" / f"{name}.{output.clouds}")
         if output.frame_maps or step.frame.T_map_camera is None:
             write_map(step.seen, self._folder / "maps" / f"{name}.yaml")
-        if output.pictures and (self._frames - 1) % output.pictures == 0:
+        if self._every and (self._frames - 1) % self._every == 0:
             self._write_picture(name, step, mapper)
 
     def finish(
@@ -66,7 +68,7 @@ class RunWriter:
         if grid is not None and costmap is not None:
             write_map(grid, self._folder / "map.yaml")
             write_costmap(costmap, self._folder / "costmap.yaml")
-            if self._config.output.pictures:
+            if self._every:
                 write_bytes(self._folder / "map.png", encode_png(map_picture(grid, costmap.costs)))
                 write_bytes(self._folder / "costmap.png", encode_png(costmap_picture(costmap)))
         write_text(self._folder / "summary.json", json.dumps(summary, indent=2) + "\n")
@@ -84,6 +86,13 @@ class RunWriter:
             T_map_camera=step.T_map_camera,
         )
         write_bytes(self._folder / "frames" / f"{name}.png", encode_png(picture), durable=False)
+
+
+def _every_nth(configured: int | None, frame_count: int | None) -> int:
+    """Of which n-th frame a picture is made: one takes many times as long as mapping the frame."""
+    if configured is not None:
+        return configured
+    return 10 if frame_count is None else max(1, round(frame_count / 50))
 
 
 def _file_name(step: StepResult, index: int) -> str:

@@ -1,10 +1,11 @@
 """Depth to colour: the compiled twin of `align.align_depth_reference`."""
 
-import numba as nb
 import numpy as np
 
+from swardmap.kernels.compiled import compiled
 
-@nb.njit(cache=True, nogil=True)
+
+@compiled()
 def _landing(x, y, z, R, t, camera):  # type: ignore[no-untyped-def]
     """Column, row and depth in the colour image of the point z * (x, y, 1); depth 0 if not before it."""
     px, py = z * x, z * y
@@ -18,7 +19,7 @@ def _landing(x, y, z, R, t, camera):  # type: ignore[no-untyped-def]
     return np.trunc(u + np.float32(0.5)), np.trunc(v + np.float32(0.5)), qz
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled()
 def _span(a, b, size):  # type: ignore[no-untyped-def]
     """First pixel and end of the pixels between a and b that lie in an image side; clipped as floats."""
     first, last = min(a, b), max(a, b)
@@ -27,7 +28,7 @@ def _span(a, b, size):  # type: ignore[no-untyped-def]
     return int(max(first, np.float32(0))), int(min(last, np.float32(size - 1))) + 1
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled()
 def _write_nearest(reading, u0, v0, u1, v1, out):  # type: ignore[no-untyped-def]
     """Write a reading to the pixels between two corners that hold nothing nearer."""
     first_u, end_u = _span(u0, u1, out.shape[1])
@@ -38,14 +39,14 @@ def _write_nearest(reading, u0, v0, u1, v1, out):  # type: ignore[no-untyped-def
                 out[v, u] = reading
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled()
 def _in_units(z, unit_m, largest):  # type: ignore[no-untyped-def]
     """A distance in metres in the units of the image, rounded half up where it holds whole numbers."""
     reading = z / unit_m
     return np.floor(reading + np.float32(0.5)) if largest < np.float32(np.inf) else reading
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled()
 def align_depth(depth, unit_m, rays, R, t, camera, whole_footprint, in_color_frame, largest, out):  # type: ignore[no-untyped-def]  # fmt: skip
     """Write each reading to the pixels of `out` (zeros) it covers; the nearest reading wins.
 

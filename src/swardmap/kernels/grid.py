@@ -8,8 +8,9 @@ Each row function stays a function of its own: inlined into one body, the compil
 prove that too many arrays do not overlap, and would give up on vectors.
 """
 
-import numba as nb
 import numpy as np
+
+from swardmap.kernels.compiled import compiled
 
 FAR_AWAY = np.float32(-1e6)
 
@@ -19,7 +20,7 @@ NOT_IN_RANGE, NOT_CONSISTENT, VOID, NOT_IN_HEIGHT, OUTSIDE = range(5)
 REASONS = 8
 
 
-@nb.njit(cache=True, nogil=True, inline="never")
+@compiled(inline="never")
 def _depth_row(depth, unit_m, near_m, far_m, row):  # type: ignore[no-untyped-def]
     """One row in metres between two border pixels, FAR_AWAY where there is no reading in range."""
     readings = 0
@@ -30,7 +31,7 @@ def _depth_row(depth, unit_m, near_m, far_m, row):  # type: ignore[no-untyped-de
     return readings
 
 
-@nb.njit(cache=True, nogil=True, inline="never")
+@compiled(inline="never")
 def _agreeing_row(above, here, below, relative, absolute_m, needed, keep):  # type: ignore[no-untyped-def]
     """keep[u] = 1 if enough of the 8 neighbours have about the same depth (cloud.consistent_depth)."""
     for u in range(keep.shape[0]):
@@ -49,14 +50,14 @@ def _agreeing_row(above, here, below, relative, absolute_m, needed, keep):  # ty
         keep[u] = np.int32(n >= needed)
 
 
-@nb.njit(cache=True, nogil=True, inline="never")
+@compiled(inline="never")
 def _class_row(mask, columns, table, classes):  # type: ignore[no-untyped-def]
     """Map class of each pixel of a row, looked up in the network's smaller mask."""
     for u in range(classes.shape[0]):
         classes[u] = table[mask[columns[u]]]
 
 
-@nb.njit(cache=True, nogil=True, inline="never")
+@compiled(inline="never")
 def _index_row(z_row, ray_x, ray_y, T, lowest, highest, per_metre, classes, keep, width, height, index):  # type: ignore[no-untyped-def]  # fmt: skip
     """Counter of each pixel of a row: Eq. 1, the pose, Eq. 2; or the reason why it has no cell."""
     t00, t01, t02, t03 = T[0, 0], T[0, 1], T[0, 2], T[0, 3]
@@ -84,7 +85,7 @@ def _index_row(z_row, ray_x, ray_y, T, lowest, highest, per_metre, classes, keep
         index[u] = i if z > zero else not_in_range
 
 
-@nb.njit(cache=True, nogil=True, inline="never")
+@compiled(inline="never")
 def _raise_counters(index, counts):  # type: ignore[no-untyped-def]
     """Add one to the counter of every pixel, from eight places of the row in turn."""
     one = np.uint32(1)
@@ -102,7 +103,7 @@ def _raise_counters(index, counts):  # type: ignore[no-untyped-def]
         counts[index[i]] += one
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled()
 def count_pixels(  # type: ignore[no-untyped-def]
     depth, unit_m, mask, rows, columns, table, ray_x, ray_y, T, limits, needed, width, height, per_metre,
     counts,
@@ -154,18 +155,18 @@ def count_pixels(  # type: ignore[no-untyped-def]
     return readings
 
 
-@nb.njit(cache=True, nogil=True)
-def classify(counts, min_points, classes):  # type: ignore[no-untyped-def]
+@compiled()
+def classify(counts, min_points, min_grass_points, classes):  # type: ignore[no-untyped-def]
     """grid.classify_cells on the flat counters; writes (height * width,) uint8 MapClass."""
     for i in range(classes.shape[0]):
         grass, obstacle, person = counts[4 * i + 1], counts[4 * i + 2], counts[4 * i + 3]
-        c = np.uint8(1) if grass >= min_points else np.uint8(0)
+        c = np.uint8(1) if grass >= min_grass_points else np.uint8(0)
         if obstacle + person >= min_points:
             c = np.uint8(3) if (person >= min_points) | (person >= obstacle) else np.uint8(2)
         classes[i] = c
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled()
 def merge(news, cells, grass_in_a_row, frames_to_clear):  # type: ignore[no-untyped-def]
     """Clear what was seen as grass often enough, then mark (twin: grid.update_grid for one frame).
 

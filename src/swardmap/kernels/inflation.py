@@ -1,10 +1,11 @@
 """Exact squared distances up to a radius, in two separable passes (twin: costmap.squared_distances)."""
 
-import numba as nb
 import numpy as np
 
+from swardmap.kernels.compiled import compiled
 
-@nb.njit(cache=True, nogil=True)
+
+@compiled()
 def squared_distances(occupied, radius, out):  # type: ignore[no-untyped-def]
     """Squared distance in cells to the nearest occupied cell, at most (radius + 1) squared.
 
@@ -32,7 +33,7 @@ def squared_distances(occupied, radius, out):  # type: ignore[no-untyped-def]
         _nearest_in_row(vertical[y], squares, radius, limit, out[y])
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled()
 def _nearest_in_row(vertical, squares, radius, limit, out):  # type: ignore[no-untyped-def]
     """Min over |dx| <= radius of vertical^2 + dx^2; rows without anything near are skipped."""
     W = out.shape[0]
@@ -52,7 +53,7 @@ def _nearest_in_row(vertical, squares, radius, limit, out):  # type: ignore[no-u
             out[x] = min(out[x], min(squares[x + left], squares[x + right]) + step)
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled()
 def apply_costs(squared, cost_of_squared, inflate_unknown, costs):  # type: ignore[no-untyped-def]
     """Raise `costs` to the table's value; unknown cells give way as Nav2's inflation layer has it."""
     last = cost_of_squared.shape[0] - 1

@@ -10,7 +10,7 @@ import numpy as np
 
 
 @nb.njit(cache=True, nogil=True)
-def cells_passed(points, x, y, back, min_points, passed):  # type: ignore[no-untyped-def]
+def cells_passed(points, x, y, back, min_points, min_grass_points, passed):  # type: ignore[no-untyped-def]
     """evidence.cells_passed.
 
     Args:
@@ -18,14 +18,15 @@ def cells_passed(points, x, y, back, min_points, passed):  # type: ignore[no-unt
         x: of the camera in cells of the window.
         y: of the camera in cells of the window.
         back: low part of a ray, as a share of its length.
-        min_points: points a sighting needs.
+        min_points: points a hazard needs.
+        min_grass_points: points grass needs.
         passed: (h, w) bool, all False; set here.
     """
     height, width = passed.shape
     for iy in range(height):
         for ix in range(width):
             n_hazard = np.int64(points[iy, ix, 2]) + points[iy, ix, 3]
-            if points[iy, ix, 1] < min_points or n_hazard >= min_points:
+            if points[iy, ix, 1] < min_grass_points or n_hazard >= min_points:
                 continue
             dx, dy = x - (ix + 0.5), y - (iy + 0.5)
             distance = math.sqrt(dx * dx + dy * dy)
@@ -67,20 +68,20 @@ def update_cells(  # type: ignore[no-untyped-def]
         half: distance in cells at which a sighting counts half.
         corner_x: first column of the block in the frame's grid.
         corner_y: first row of the block in the frame's grid.
-        model: (11,) int64 of `evidence.parameters`.
+        model: (12,) int64 of `evidence.parameters`.
         evidence: (h, w) int16; changed here.
         person: (h, w) int16; changed here.
         classes: (h, w) uint8; changed here.
     """
     needed, of_obstacle, of_person, of_grass, of_ray, mark, free, clear = model[:8]
-    obstacle_limit, person_limit, free_limit = model[8:]
+    obstacle_limit, person_limit, free_limit, needed_grass = model[8:]
     for iy in range(classes.shape[0]):
         for ix in range(classes.shape[1]):
             n_grass = np.int64(points[iy, ix, 1])
             n_obstacle, n_person = np.int64(points[iy, ix, 2]), np.int64(points[iy, ix, 3])
             n_hazard = n_obstacle + n_person
             before = int(evidence[iy, ix])
-            marked, lawn = n_hazard >= needed, n_grass >= needed
+            marked, lawn = n_hazard >= needed, n_grass >= needed_grass
             if not marked and not lawn and not (passed[iy, ix] and before > 0):
                 continue
             dx, dy = ix + (corner_x + 0.5) - x, iy + (corner_y + 0.5) - y

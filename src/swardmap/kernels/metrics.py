@@ -3,8 +3,9 @@
 All of it is integer arithmetic, so the results are exact and do not depend on the order of the work.
 """
 
-import numba as nb
 import numpy as np
+
+from swardmap.kernels.compiled import compiled
 
 CODES = 8
 """Ids 0..6 count as they are and everything above as 7; seven classes and void are enough for a map."""
@@ -13,7 +14,7 @@ EVERY_BYTE = np.uint64(0x0101010101010101)
 ABOVE_GRASS = np.uint64(0xFEFEFEFEFEFEFEFE)
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled()
 def count_pairs(reference, predicted, counts):  # type: ignore[no-untyped-def]
     """Count how often each pair of ids occurs.
 
@@ -50,7 +51,7 @@ def count_pairs(reference, predicted, counts):  # type: ignore[no-untyped-def]
         counts[j >> 3, j & 7] = total
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled()
 def gather_cells(reference, predicted, hazards, misses, hits, person_hits):  # type: ignore[no-untyped-def]
     """Flat indices of the cells that matter, in row-major order.
 
@@ -86,7 +87,7 @@ def gather_cells(reference, predicted, hazards, misses, hits, person_hits):  # t
         i += 1
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled()
 def nearest_squared(misses, hits, width, squared):  # type: ignore[no-untyped-def]
     """Eq. 3 by brute force: squared distance, in cells, of each miss to its nearest hit.
 
@@ -113,7 +114,7 @@ def nearest_squared(misses, hits, width, squared):  # type: ignore[no-untyped-de
         squared[i] = np.int64(best) if n > 0 else np.int64(-1)
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled()
 def connected_cells(reference, hazards, height, width, component):  # type: ignore[no-untyped-def]
     """Number the 8-connected groups of reference obstacle cells (person included).
 

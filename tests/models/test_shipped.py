@@ -1,0 +1,86 @@
+"""The network in the package: that it loads and runs, and, with the real photos, how good it is."""
+
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from swardmap.config import SegmenterConfig
+from swardmap.labels import GRASS, GRASS_OBSTACLE_PERSON, OTHER
+from swardmap.models import build_segmenter, bundled_network
+from swardmap.models.onnx import OnnxSegmenter
+from swardmap.train.check import check
+from swardmap.train.data import load_photos
+from swardmap.train.recipe import recipe_from_dict
+from swardmap.types import Frame
+
+DATA = Path(os.environ.get("SWARDMAP_DATA", "/nowhere"))
+MakeFrame = Callable[..., Frame]
+
+
+@pytest.fixture(scope="module")
+def shipped() -> OnnxSegmenter:
+    path = bundled_network()
+    assert path is not None, "the package holds no network"
+    return OnnxSegmenter(path, threads=1)
+
+
+def test_it_is_what_auto_means_and_says_where_it_comes_from(shipped: OnnxSegmenter) -> None:
+    assert build_segmenter(SegmenterConfig(name="auto")).name == shipped.name
+    assert shipped.label_set == GRASS_OBSTACLE_PERSON
+    assert "MSRC" in shipped.spec.licence
+    assert shipped.spec.training["data"]
+    assert shipped.spec.metrics["int8"]["grass_iou"] > shipped.spec.metrics["float32"]["grass_iou"] - 0.005
+    path = bundled_network()
+    assert path is not None
+    assert path.stat().st_size < 25e6
+
+
+def test_a_made_frame_is_segmented_in_time(shipped: OnnxSegmenter, lawn_frame: MakeFrame) -> None:
+    frame = lawn_frame(480, 640)
+    found = shipped(frame)
+    start = time.perf_counter()
+    again = shipped(frame)
+    assert time.perf_counter() - start < 1.0  # some 30 ms on a free core; this catches only a mistake
+    np.testing.assert_array_equal(found.labels, again.labels)
+    assert found.confidence is not None
+    assert 1 / 3 - 1e-3 < found.confidence.min() <= found.confidence.max() <= 1
+    sky = found.resized_to(480, 640).labels[:100]
+    assert (sky == OTHER.id).mean() > 0.95
+
+
+def test_a_frame_without_grass_has_none(shipped: OnnxSegmenter, frame_of: MakeFrame) -> None:
+    rng = np.random.default_rng(0)
+    for color in ((0, 0, 0), (255, 255, 255), (130, 128, 125), (150, 180, 220)):
+        rgb = np.clip(np.array(color) + rng.integers(-6, 7, (240, 320, 3)), 0, 255).astype(np.uint8)
+        assert (shipped(frame_of(rgb)).labels == GRASS.id).mean() < 0.02
+
+
+@pytest.mark.skipif(not (DATA / "msrc_v2").is_dir(), reason="needs msrc_v2 under SWARDMAP_DATA")
+def test_real_photos_it_never_saw(shipped: OnnxSegmenter) -> None:
+    entry = {"name": "val", "folder": "msrc_v2", "list": "val.txt"}
+    photos = load_photos(recipe_from_dict({"name": "val", "data": [entry]}), DATA, validation=False)[0].photos
+    path = bundled_network()
+    assert path is not None
+    figures = check(path, photos, threads=1).score.figures()
+    least = {"accuracy": 0.95, "grass_iou": 0.90, "person_iou": 0.60}
+    for name, limit in least.items():
+        value = figures[name]
+        assert value is not None
+        assert value >= limit, name
+    assert (figures["obstacle_called_grass"] or 0.0) < 0.03
+
+
+@pytest.mark.skipif(not (DATA / "orfd").is_dir(), reason="needs orfd under SWARDMAP_DATA")
+def test_an_off_road_robot_sees_grass_beside_the_road_and_none_in_the_trees(shipped: OnnxSegmenter) -> None:
+    for path in sorted((DATA / "orfd/images").glob("*.png")):
+        rgb = np.asarray(cv2.cvtColor(np.asarray(cv2.imread(str(path))), cv2.COLOR_BGR2RGB), np.uint8)
+        grass = shipped.segment(rgb)[0] == GRASS.id
+        height, width = grass.shape
+        assert grass[: height // 3].mean() < 0.002  # sky and crowns of trees
+        assert grass[height // 2 :, : width // 4].mean() < 0.02  # the road
+        assert grass[height // 3 :, width // 2 :].mean() > 0.03  # the verge
