@@ -24,6 +24,8 @@ CORE = (
     "ground",
     "ground_fit",
     "mapper",
+    "evidence",
+    "living",
     "roads",
     "costmap",
     "level",

@@ -12,7 +12,7 @@ from swardmap.config import CloudConfig, Config, GeometryConfig, config_from_dic
 from swardmap.errors import ConfigError, InvalidValueError
 from swardmap.eval.maps import compare_frame
 from swardmap.geometry import Intrinsics, Pose, deproject, mount_pose
-from swardmap.grid import GridSpec, OccupancyGrid
+from swardmap.grid import GridSpec, OccupancyGrid, overlap
 from swardmap.ground import GroundEvidence, fuse, observe_ground
 from swardmap.labels import GRASS, GRASS_OBSTACLE_PERSON, VOID_ID, LabelSet, MapClass
 from swardmap.pipeline import ObstacleMapper, view_spec
@@ -320,3 +320,30 @@ def test_both_together_miss_less_than_each_alone(slope_deg: float) -> None:
     alone = marks(frame).grid.is_obstacle
     known = compared[0].predicted.classes > 0
     assert (truth & known & ~alone).sum() > len(fused.cells)
+
+
+def test_the_living_map_takes_a_geometric_mark_for_an_obstacle() -> None:
+    frame = seen(garden_scene(0), 0.0)
+    assert frame.T_map_camera is not None
+    grass = Segmentation(np.full((1, 1), GRASS.id, np.uint8), GRASS_OBSTACLE_PERSON)
+    config = config_from_dict({"geometry": {"enabled": True}, "grid": {"mode": "evidence", "min_points": 3}})
+
+    class AllGrass:
+        name = "all grass"
+        label_set = GRASS_OBSTACLE_PERSON
+
+        def __call__(self, frame: Frame) -> Segmentation:
+            return grass
+
+    mapper = ObstacleMapper(AllGrass(), config)
+    step = mapper.step(frame)
+    assert step.geometry is not None
+    assert mapper.map is not None
+    here, there = overlap(step.seen.spec, mapper.map.spec)
+    marked, living = step.geometry.grid.is_obstacle[here], mapper.map.is_obstacle[there]
+    columns, rows = (np.arange(n) for n in step.seen.spec.shape[::-1])
+    near = step.seen.spec.center_of(np.stack(np.meshgrid(columns, rows), axis=-1))
+    close = (np.linalg.norm(near - frame.T_map_camera.position_m[:2], axis=-1) < 4.0)[here]
+    assert (marked & close).sum() > 20
+    assert living[marked & close].all()  # far marks need a second look, as every sighting does
+    assert not living[~marked].any()

@@ -123,6 +123,11 @@ class CloudConfig(Checked):
 class GridConfig(Checked):
     """The occupancy grid (Sec. 3.5)."""
 
+    mode: str = setting(
+        "paper",
+        "paper: the last frame that saw a cell decides; evidence: all of them do, see `evidence`",
+        choices=("paper", "evidence"),
+    )
     resolution_m: float = setting(0.05, "edge of a cell", minimum=1e-3, maximum=10)
     min_points: int = setting(1, "points of obstacle or person that mark a cell", minimum=1)
     min_grass_points: int = setting(3, "points of grass that clear a cell", minimum=1)
@@ -172,6 +177,38 @@ class GeometryConfig(Checked):
 
 
 @dataclass(frozen=True)
+class EvidenceConfig(Checked):
+    """The living map (grid.mode: evidence): how much a sighting counts, in nats of log-odds."""
+
+    obstacle_gain: float = setting(1.0, "one sighting of an obstacle at no distance", minimum=0, maximum=30)
+    person_gain: float = setting(2.0, "the same of a person", minimum=0, maximum=30)
+    grass_gain: float = setting(0.8, "the same of grass, against a hazard", minimum=0, maximum=30)
+    ray_gain: float = setting(0.4, "a ray that passed low over the cell", minimum=0, maximum=30)
+    ray_height_m: float = setting(
+        0.1, "a ray passed low where it is below this; what is lower than it may be overlooked", minimum=0
+    )
+    half_confidence_m: float = setting(
+        5.5, "distance at which a sighting counts half; falls on with its 4th power", minimum=0.01
+    )
+    mark_at: float = setting(0.12, "evidence that makes a cell a hazard", minimum=0.001, maximum=30)
+    free_at: float = setting(0.4, "evidence of grass that frees an unknown cell", minimum=0.001, maximum=30)
+    clear_at: float = setting(0.7, "evidence of grass that clears a hazard", minimum=0.001, maximum=30)
+    obstacle_limit: float = setting(4.0, "evidence of an obstacle is kept up to it", maximum=30)
+    person_limit: float = setting(2.0, "the same of a person, who may walk on", maximum=30)
+    free_limit: float = setting(1.2, "the same of grass: what comes onto it must be seen soon", maximum=30)
+    window_m: float | None = setting(
+        None, "edge of a square that follows the camera; none = the whole field is kept", minimum=0.1
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if min(self.obstacle_limit, self.person_limit) < self.mark_at:
+            raise ConfigError("evidence: expected obstacle_limit and person_limit of at least mark_at")
+        if self.free_limit < max(self.free_at, self.clear_at):
+            raise ConfigError("evidence: expected free_limit of at least free_at and clear_at")
+
+
+@dataclass(frozen=True)
 class CostmapConfig(Checked):
     """Costs for Nav2: what is seen, grown by the margin, then inflated."""
 
@@ -216,6 +253,7 @@ class Config(Checked):
     cloud: CloudConfig = field(default_factory=CloudConfig)
     grid: GridConfig = field(default_factory=GridConfig)
     geometry: GeometryConfig = field(default_factory=GeometryConfig)
+    evidence: EvidenceConfig = field(default_factory=EvidenceConfig)
     costmap: CostmapConfig = field(default_factory=CostmapConfig)
     output: OutputConfig = field(default_factory=OutputConfig)
     road: str = setting(

@@ -12,7 +12,7 @@ from swardmap.cloud import consistent_depth, crop_range
 from swardmap.config import CloudConfig, Config, GeometryConfig
 from swardmap.errors import InvalidValueError
 from swardmap.geometry import Pose, deproject, transform_points
-from swardmap.grid import GridSpec, OccupancyGrid
+from swardmap.grid import GridSpec, OccupancyGrid, Sighting
 from swardmap.ground_fit import HIGHEST, PER_METRE, Float32, Ground, Sums, fit_ground
 from swardmap.labels import MapClass
 from swardmap.types import Frame
@@ -34,6 +34,10 @@ class GroundEvidence:
     ground_m: Float32
 
 
+ALWAYS_ENOUGH = 1_000_000
+"""Points that mark a cell whatever `grid.min_points` is: the geometric rule has counted already."""
+
+
 def fuse(semantic: OccupancyGrid, evidence: GroundEvidence) -> OccupancyGrid:
     """Both kinds of evidence in one grid: a mark of either is a mark; only grass seen as such is free.
 
@@ -42,7 +46,18 @@ def fuse(semantic: OccupancyGrid, evidence: GroundEvidence) -> OccupancyGrid:
     """
     if semantic.spec != evidence.grid.spec:
         raise InvalidValueError(f"fuse: expected one grid, got {semantic.spec} and {evidence.grid.spec}")
-    return replace(semantic, classes=np.maximum(semantic.classes, evidence.grid.classes))
+    classes = np.maximum(semantic.classes, evidence.grid.classes)
+    sighting = semantic.sighting and _sighting_of_both(semantic.sighting, evidence.grid.is_obstacle)
+    return replace(semantic, classes=classes, sighting=sighting)
+
+
+def _sighting_of_both(sighting: Sighting, marks: NDArray[np.bool_]) -> Sighting:
+    """Points on a geometric mark speak for an obstacle: the living map must not take them for grass."""
+    points = sighting.points.copy()
+    hazard = points[marks, MapClass.OBSTACLE] + points[marks, MapClass.GRASS]
+    points[marks, MapClass.OBSTACLE] = np.maximum(hazard, ALWAYS_ENOUGH)
+    points[marks, MapClass.GRASS] = 0
+    return replace(sighting, points=points)
 
 
 def observe_ground(

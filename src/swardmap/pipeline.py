@@ -16,6 +16,7 @@ from swardmap.geometry import Intrinsics, Pose, mount_pose
 from swardmap.grid import GridSpec, OccupancyGrid
 from swardmap.ground import GroundEvidence, with_geometry
 from swardmap.labels import LabelSet
+from swardmap.living import LivingMap
 from swardmap.mapper import GridMapper, fixed_spec
 from swardmap.roads import PixelCounts, filtered_cloud, fused_grid, staged_grid
 from swardmap.types import Frame, LabeledCloud, Segmentation
@@ -93,7 +94,7 @@ class ObstacleMapper:
         self.segmenter = segmenter
         self.config = config or Config()
         self.T_base_camera = T_base_camera
-        self._mapper: GridMapper | None = None
+        self._mapper: GridMapper | LivingMap | None = None
         self._last_stamp_ns: int | None = None
 
     def step(self, frame: Frame) -> StepResult:
@@ -117,7 +118,7 @@ class ObstacleMapper:
         fused = perf_counter()
 
         if frame.T_map_camera is not None:
-            self._mapper = self._mapper or GridMapper(config.grid, T_map_camera.parent)
+            self._mapper = self._mapper or new_map(config, T_map_camera.parent)
             self._mapper.integrate(seen)
         done = perf_counter()
         stages = {"segment": segmented - started, "grid": gridded - segmented}
@@ -134,6 +135,11 @@ class ObstacleMapper:
     def map(self) -> OccupancyGrid | None:
         """The accumulated map; None until a frame with a pose has seen something."""
         return None if self._mapper is None else self._mapper.grid
+
+    @property
+    def living(self) -> LivingMap | None:
+        """The map with its evidence, to be saved; None in the paper's mode, or before the first pose."""
+        return self._mapper if isinstance(self._mapper, LivingMap) else None
 
     def costmap(self, grid: OccupancyGrid | None = None) -> Costmap | None:
         """Costmap of `grid`, or of the accumulated map."""
@@ -167,6 +173,13 @@ class ObstacleMapper:
         view = view_spec(intrinsics, T_map_camera, cloud.max_range_m, grid.resolution_m)
         fixed = fixed_spec(grid, T_map_camera.parent)
         return view if fixed is None else fixed.part_within(view)
+
+
+def new_map(config: Config, frame_id: str) -> GridMapper | LivingMap:
+    """An empty accumulated map of the configured mode."""
+    if config.grid.mode == "evidence":
+        return LivingMap(config.grid, config.evidence, config.cloud.min_height_m, frame_id)
+    return GridMapper(config.grid, frame_id)
 
 
 def view_spec(

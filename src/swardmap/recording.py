@@ -181,7 +181,7 @@ def _mapped(
     T_base_camera = mapper.T_base_camera
     summary["mount"] = mount | ({} if T_base_camera is None else _mount_facts(T_base_camera))
     if writer is not None:
-        writer.finish(grid, costmap, summary)
+        writer.finish(grid, costmap, summary, mapper.living)
     run = MapRun(grid, costmap, totals, summary)
     if interrupted:
         raise _InterruptedError(run)

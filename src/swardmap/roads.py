@@ -19,7 +19,7 @@ from swardmap.cloud import (
 from swardmap.config import CloudConfig
 from swardmap.errors import ConfigError
 from swardmap.geometry import Pose
-from swardmap.grid import GridSpec, OccupancyGrid, classify_cells, count_points
+from swardmap.grid import GridSpec, OccupancyGrid, Sighting, classify_cells, count_points
 from swardmap.labels import MapClass
 from swardmap.types import Frame, LabeledCloud, Segmentation, nearest_indices
 
@@ -98,7 +98,8 @@ def staged_grid(
     in_height = crop_height(in_grid_frame, config.min_height_m, config.max_height_m)
     thinned = _thinned(in_height, config)
     counts, outside = count_points(thinned, spec)
-    grid = OccupancyGrid(spec, classify_cells(counts, min_points, min_grass_points), frame.stamp_ns)
+    sighting = Sighting(counts, _viewpoint_m(T_map_camera))
+    grid = OccupancyGrid(spec, classify_cells(counts, min_points, min_grass_points), frame.stamp_ns, sighting)
     readings, ranged = int(np.isfinite(depth_m).sum()), int(np.isfinite(in_range).sum())
     return grid, PixelCounts(
         pixels=depth_m.size,
@@ -150,7 +151,9 @@ def fused_grid(
     )  # fmt: skip
     classes = np.empty(spec.width * spec.height, np.uint8)
     kernel.classify(counts, np.uint32(min_points), np.uint32(min_grass_points or min_points), classes)
-    grid = OccupancyGrid(spec, classes.reshape(spec.shape), frame.stamp_ns)
+    points = counts[: -kernel.REASONS].reshape(*spec.shape, 4)
+    sighting = Sighting(points, _viewpoint_m(T_map_camera))
+    grid = OccupancyGrid(spec, classes.reshape(spec.shape), frame.stamp_ns, sighting)
     return grid, _pixel_counts(counts[-kernel.REASONS :].tolist(), depth.size, int(readings))
 
 
@@ -185,3 +188,8 @@ def _T_grid_camera(spec: GridSpec, T_map_camera: Pose) -> Pose:
     """In float64 up to here: float32 begins at the grid's corner, so UTM-sized origins lose nothing."""
     renamed = Pose(T_map_camera.parent, "camera", T_map_camera.matrix)
     return spec.T_grid_map @ renamed
+
+
+def _viewpoint_m(T_map_camera: Pose) -> tuple[float, float, float]:
+    x, y, z = T_map_camera.position_m.tolist()
+    return x, y, z

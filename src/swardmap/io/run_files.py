@@ -2,6 +2,7 @@
 
 OUT/map.yaml, map.pgm         the accumulated map (Nav2's map_server reads it)
 OUT/costmap.yaml, costmap.pgm its costmap
+OUT/living.npz                its evidence, where grid.mode is evidence
 OUT/map.png, costmap.png      pictures of both
 OUT/frames/NAME.png           a picture of each n-th frame
 OUT/clouds/NAME.pcd           labelled clouds in the map frame, if asked for
@@ -20,7 +21,9 @@ from swardmap.grid import OccupancyGrid
 from swardmap.io.cloud_files import write_cloud
 from swardmap.io.files import write_bytes, write_text
 from swardmap.io.images import encode_png
+from swardmap.io.living_files import write_living
 from swardmap.io.map_files import write_costmap, write_map
+from swardmap.living import LivingMap
 from swardmap.pipeline import ObstacleMapper, StepResult
 
 
@@ -54,10 +57,18 @@ class RunWriter:
         if self._every and (self._frames - 1) % self._every == 0:
             self._write_picture(name, step, mapper)
 
-    def finish(self, grid: OccupancyGrid | None, costmap: Costmap | None, summary: dict[str, Any]) -> None:
-        """Write the accumulated map and the summary."""
+    def finish(
+        self,
+        grid: OccupancyGrid | None,
+        costmap: Costmap | None,
+        summary: dict[str, Any],
+        living: LivingMap | None = None,
+    ) -> None:
+        """Write the accumulated map, its evidence if it has any, and the summary."""
         from swardmap.viz.pictures import costmap_picture, map_picture
 
+        if living is not None:
+            write_living(living, self._folder / "living.npz")
         if grid is not None and costmap is not None:
             write_map(grid, self._folder / "map.yaml")
             write_costmap(costmap, self._folder / "costmap.yaml")
