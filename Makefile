@@ -4,7 +4,7 @@ VENV   ?= .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 
-.PHONY: demo test test-slow train-setup check format bench wheel-check clean
+.PHONY: demo test test-slow full-setup check format bench wheel-check clean
 
 $(READY): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -22,9 +22,9 @@ test: $(READY)            ## all tests but the slow ones
 test-slow: $(READY)       ## the slow tests
 	$(BIN)/python -m pytest -m slow
 
-train-setup: $(READY)     ## what training and export need, on the CPU build of torch where there is one
+full-setup: $(READY)      ## every extra that runs without hardware; torch first, as a CPU build where there is one
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check torch==2.13.0
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev,train]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev,train,ray]'
 
 check: $(READY)           ## linters and types
 	$(BIN)/ruff check .
