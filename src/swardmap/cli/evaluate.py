@@ -14,7 +14,7 @@ EXAMPLES = """\b
 Examples:
   swardmap evaluate EDEN/ -o out/ --segmenter lawn.onnx
   swardmap evaluate recording/ -o out/ --segmenter truth --unit sequence
-  swardmap evaluate analytic:scenes=4,frames=90 -o out/
+  swardmap evaluate analytic:scenes=4,frames=90 -o out/ --segmenter colour
 
 An interrupted run goes on where it was: give the same command again.
 """
