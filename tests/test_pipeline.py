@@ -9,7 +9,7 @@ import pytest
 from swardmap.config import CloudConfig, Config, GridConfig, MountConfig, config_from_dict
 from swardmap.errors import InputError, InvalidValueError
 from swardmap.geometry import Intrinsics, Pose, mount_pose
-from swardmap.grid import OccupancyGrid, overlap
+from swardmap.grid import GridSpec, overlap
 from swardmap.labels import GRASS_OBSTACLE_PERSON, LabelSet, MapClass
 from swardmap.pipeline import ObstacleMapper, StepResult, configured_mount, view_spec
 from swardmap.synth.analytic import AnalyticSource, garden_scene, lane_poses, true_map
@@ -151,7 +151,9 @@ def test_the_window_holds_everything_in_view(pitch_deg: float) -> None:
     u, v, z = rng.uniform(0, 159, 4000), rng.uniform(0, 119, 4000), rng.uniform(0, 8, 4000)
     points = np.stack([z * (u - SMALL.cx) / SMALL.fx, z * (v - SMALL.cy) / SMALL.fy, z], axis=1)
     assert spec.contains(spec.cell_of(T.apply(points)[:, :2])).all()
-    assert spec.offset_in(type(spec)(0.05, 1, 1)) is not None
+    corner_in_cells = np.asarray(spec.origin_m) / 0.05
+    np.testing.assert_allclose(corner_in_cells, np.round(corner_in_cells), atol=1e-4)
+    assert spec.offset_in(GridSpec(0.05, 1, 1)) == tuple(np.round(corner_in_cells).astype(int))
 
 
 def test_costmap_of_the_map() -> None:
@@ -171,5 +173,5 @@ def test_a_blind_or_saturated_camera_maps_nothing(spoil: Callable[[np.ndarray], 
     mapper = ObstacleMapper(Truth(), Config(cloud=CloudConfig(max_range_m=8.0)))
     step = mapper.step(blind)
     assert step.counts.used == 0
-    assert mapper.map is None or isinstance(mapper.map, OccupancyGrid)
+    assert mapper.map is None
     assert step.seen.count(MapClass.GRASS) == 0

@@ -2,6 +2,8 @@
 
 Order of precedence: defaults < file < environment (`SWARDMAP_GRID__RESOLUTION_M=0.1`) < command line
 (`--set grid.resolution_m=0.1`). Unknown keys are refused. `swardmap config` prints the tree.
+
+One file on purpose, however long: every setting of the package is found here and nowhere else.
 """
 
 import dataclasses

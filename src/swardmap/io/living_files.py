@@ -1,18 +1,14 @@
 """The living map as a NumPy archive: every tile with its evidence, so that a map goes on where it ended."""
 
-import io
-import zipfile
-import zlib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swardmap.errors import InputError, InvalidValueError
 from swardmap.evidence import Cells
 from swardmap.grid import GridSpec
-from swardmap.io.files import read_bytes, write_bytes
+from swardmap.io.npz_files import read_archive, write_archive
 from swardmap.labels import MapClass
 from swardmap.living import TILE, LivingMap, TileKey
 
@@ -41,9 +37,7 @@ def write_living(living: LivingMap, path: str | Path) -> None:
         "keys": np.array(list(tiles), np.int64).reshape(-1, 2),
         **blocks,
     }
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, **arrays)
-    write_bytes(path, buffer.getvalue())
+    write_archive(path, arrays)
 
 
 def read_living(path: str | Path, into: LivingMap) -> None:
@@ -57,27 +51,11 @@ def read_living(path: str | Path, into: LivingMap) -> None:
         InputError: if the file is something else, damaged, on another lattice, or calls a cell free for
             which it holds no evidence.
     """
-    content = read_bytes(path)
-    try:
-        with np.load(io.BytesIO(content), allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
-        tiles = _tiles_of(arrays, into.corner_cell)
-        into.restore(tiles, int(arrays["stamp_ns"]))
-    except (
-        InvalidValueError,  # before ValueError, of which it is one
-        ValueError,
-        KeyError,
-        TypeError,
-        OSError,
-        EOFError,
-        MemoryError,
-        OverflowError,
-        RuntimeError,
-        NotImplementedError,
-        zipfile.BadZipFile,
-        zlib.error,
-    ) as error:
-        raise InputError(f"{path}: expected a living map written by swardmap: {error}") from error
+
+    def restore(arrays: dict[str, NDArray[Any]]) -> None:
+        into.restore(_tiles_of(arrays, into.corner_cell), int(arrays["stamp_ns"]))
+
+    read_archive(path, "a living map", restore)
 
 
 def _tiles_of(arrays: dict[str, NDArray[Any]], corner: GridSpec) -> dict[TileKey, Cells]:

@@ -3,8 +3,9 @@
 import io
 import zipfile
 import zlib
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,8 @@ from swardmap.errors import InputError, InvalidValueError
 from swardmap.grid import GridSpec, OccupancyGrid
 from swardmap.io.files import read_bytes, write_bytes
 from swardmap.labels import MapClass
+
+T = TypeVar("T")
 
 
 def write_npz(grid: OccupancyGrid | Costmap, path: str | Path) -> None:
@@ -30,9 +33,7 @@ def write_npz(grid: OccupancyGrid | Costmap, path: str | Path) -> None:
         "stamp_ns": np.int64(grid.stamp_ns),
         **cells,
     }
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, **arrays)
-    write_bytes(path, buffer.getvalue())
+    write_archive(path, arrays)
 
 
 def read_npz(path: str | Path) -> OccupancyGrid | Costmap:
@@ -41,26 +42,7 @@ def read_npz(path: str | Path) -> OccupancyGrid | Costmap:
     Raises:
         InputError: if it is something else or damaged.
     """
-    content = read_bytes(path)
-    try:
-        with np.load(io.BytesIO(content), allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
-        return _grid_of(arrays)
-    except (
-        InvalidValueError,  # before ValueError, of which it is one
-        ValueError,
-        KeyError,
-        TypeError,
-        OSError,
-        EOFError,
-        MemoryError,
-        OverflowError,
-        RuntimeError,
-        NotImplementedError,
-        zipfile.BadZipFile,
-        zlib.error,
-    ) as error:
-        raise InputError(f"{path}: expected a map or costmap written by swardmap: {error}") from error
+    return read_archive(path, "a map or costmap", _grid_of)
 
 
 def _grid_of(arrays: dict[str, NDArray[Any]]) -> OccupancyGrid | Costmap:
@@ -77,3 +59,39 @@ def _grid_of(arrays: dict[str, NDArray[Any]]) -> OccupancyGrid | Costmap:
     if cells.size and cells.max() > max(MapClass):
         raise ValueError(f"expected classes 0..{int(max(MapClass))}, got {cells.max()}")
     return OccupancyGrid(spec, cells, stamp_ns)
+
+
+def write_archive(path: str | Path, arrays: Mapping[str, Any]) -> None:
+    """Write arrays as a compressed .npz, atomically."""
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **arrays)
+    write_bytes(path, buffer.getvalue())
+
+
+def read_archive(path: str | Path, what: str, build: Callable[[dict[str, NDArray[Any]]], T]) -> T:
+    """Build something from the arrays of an .npz; whatever is wrong with the file is one InputError.
+
+    Args:
+        path: the archive; nothing in it is unpickled.
+        what: it is expected to hold, for the message.
+        build: makes it of the arrays; may raise ValueError, KeyError and the like.
+    """
+    content = read_bytes(path)
+    try:
+        with np.load(io.BytesIO(content), allow_pickle=False) as archive:
+            return build({name: archive[name] for name in archive.files})
+    except (
+        InvalidValueError,  # before ValueError, of which it is one
+        ValueError,
+        KeyError,
+        TypeError,
+        OSError,
+        EOFError,
+        MemoryError,
+        OverflowError,
+        RuntimeError,
+        NotImplementedError,
+        zipfile.BadZipFile,
+        zlib.error,
+    ) as error:
+        raise InputError(f"{path}: expected {what} written by swardmap: {error}") from error
