@@ -1,0 +1,1 @@
+"""Bodies in any pose, clothed, standing still or walking."""

@@ -1,0 +1,1 @@
+"""OpenGL through moderngl and EGL: colour, exact depth and classes."""
