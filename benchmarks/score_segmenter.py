@@ -15,7 +15,8 @@ from swardmap.labels import GRASS_OBSTACLE_PERSON, VOID_ID
 from swardmap.models import bundled_network
 from swardmap.models.colour import grass_threshold, green_chromaticity
 from swardmap.train.check import Checked, check
-from swardmap.train.data import Photo, load_photos
+from swardmap.train.data import load_photos
+from swardmap.train.photos import Photo
 from swardmap.train.recipe import recipe_from_dict
 from swardmap.train.score import Score
 

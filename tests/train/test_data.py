@@ -1,3 +1,4 @@
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -7,9 +8,13 @@ import numpy as np
 import pytest
 
 from swardmap.errors import ConfigError, InputError
+from swardmap.geometry import Intrinsics
+from swardmap.io.folder import write_folder
 from swardmap.labels import VOID_ID
+from swardmap.synth.analytic import AnalyticSource, lane_poses
 from swardmap.train.augment import Strength, paste, relight, warp
-from swardmap.train.data import PARTIAL_CODE, PSEUDO_CODE, draw_batch, image_paths, load_photos
+from swardmap.train.data import draw_batch, load_photos
+from swardmap.train.photos import PARTIAL_CODE, PSEUDO_CODE, image_paths
 from swardmap.train.recipe import DataConfig, load_recipe, recipe_from_dict, recipe_to_dict
 
 MakeRecipe = Callable[..., dict[str, Any]]
@@ -158,3 +163,49 @@ def test_recipes_come_back_whole_and_refuse_what_they_do_not_know(
 )
 def test_the_committed_recipes_are_sound(path: Path) -> None:
     assert load_recipe(path).name
+
+
+def test_a_coco_file_serves_as_masks(data_root: Path, tiny_recipe: MakeRecipe, tmp_path: Path) -> None:
+    photo = one_photo(data_root, tiny_recipe())
+    height, width = photo.codes.shape
+    (tmp_path / "coco/images").mkdir(parents=True)
+    for stem in ("000", "001"):
+        cv2.imwrite(str(tmp_path / f"coco/images/{stem}.png"), photo.image)
+    tree = {
+        "images": [{"id": 7, "file_name": "sub/000.png", "height": height, "width": width}],
+        "categories": [{"id": 1, "name": "person"}, {"id": 2, "name": "dog"}],
+        "annotations": [
+            {"image_id": 7, "category_id": 1, "segmentation": [[10, 20, 30, 20, 30, 50, 10, 50]]},
+            {"image_id": 7, "category_id": 2, "segmentation": [[60, 20, 80, 20, 80, 50, 60, 50]]},
+        ],
+    }
+    (tmp_path / "coco/persons.json").write_text(json.dumps(tree))
+    recipe = tiny_recipe()
+    made = {"name": "coco", "folder": "coco", "annotations": "persons.json", "void_means": "other,grass"}
+    recipe["data"] = [made | {"classes": "dog=other"}]
+    photos = load_photos(recipe_from_dict(recipe), tmp_path, validation=False)[0].photos
+    assert [p.stem for p in photos] == ["000"]  # the file does not name 001
+    expected = np.full((height, width), PARTIAL_CODE, np.uint8)
+    expected[20:50, 10:30] = 2
+    expected[20:50, 60:80] = 0
+    np.testing.assert_array_equal(photos[0].codes, expected)
+    recipe["data"] = [made]
+    with pytest.raises(InputError, match="nobody says what these classes are: 'dog'"):
+        one_photo(tmp_path, recipe)
+    recipe["data"] = [made | {"classes": "dog"}]
+    with pytest.raises(ConfigError, match="expected pairs as"):
+        one_photo(tmp_path, recipe)
+
+
+def test_a_recording_serves_as_photos(tiny_recipe: MakeRecipe, tmp_path: Path) -> None:
+    camera = Intrinsics(96, 72, 70.0, 70.0, 47.5, 35.5)
+    frames = list(AnalyticSource(poses=tuple(lane_poses(6)), intrinsics=camera))
+    write_folder(frames, tmp_path / "garden")
+    recipe = tiny_recipe()
+    recipe["data"] = [{"name": "garden", "folder": "garden", "kind": "recording", "hold_out": 3}]
+    photos = load_photos(recipe_from_dict(recipe), tmp_path, validation=False)[0].photos
+    assert len(photos) == 4
+    np.testing.assert_array_equal(photos[0].codes, frames[0].labels)
+    recipe["data"].append(recipe["data"][0] | {"validation": True})
+    held = load_photos(recipe_from_dict(recipe), tmp_path, validation=True)[0].photos
+    assert {p.stem for p in held} | {p.stem for p in photos} == {f"{i:06d}" for i in range(6)}

@@ -10,7 +10,7 @@ from swardmap.errors import ModelError
 from swardmap.models.onnx import OnnxSegmenter
 from swardmap.train.build import build_network, network_spec
 from swardmap.train.check import check, reliability_bins
-from swardmap.train.data import Photo, load_photos
+from swardmap.train.data import load_photos
 from swardmap.train.export import (
     export_onnx,
     fit_temperature,
@@ -18,6 +18,7 @@ from swardmap.train.export import (
     read_spec,
     with_spec,
 )
+from swardmap.train.photos import Photo
 from swardmap.train.recipe import Recipe, recipe_from_dict
 
 pytest.importorskip("onnxscript", reason="export needs the package onnxscript")

@@ -5,8 +5,9 @@ import numpy as np
 import torch
 from torch.nn import functional as F  # noqa: N812 - torch's own name for it
 
-from swardmap.train.data import PARTIAL_CODE, PSEUDO_CODE, make_codes
+from swardmap.train.data import make_codes
 from swardmap.train.loss import set_loss
+from swardmap.train.photos import PARTIAL_CODE, PSEUDO_CODE
 from swardmap.train.recipe import recipe_from_dict
 
 MakeRecipe = Callable[..., dict[str, Any]]

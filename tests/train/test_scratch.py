@@ -15,7 +15,8 @@ from swardmap.cli.train import train
 from swardmap.models.colour import grass_threshold, green_chromaticity
 from swardmap.models.onnx import OnnxSegmenter
 from swardmap.train.checkpoint import read_checkpoint
-from swardmap.train.data import Photo, load_photos
+from swardmap.train.data import load_photos
+from swardmap.train.photos import Photo
 from swardmap.train.recipe import recipe_from_dict
 from swardmap.types import Segmentation
 

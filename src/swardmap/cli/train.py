@@ -50,8 +50,8 @@ def _report(figures: Mapping[str, Any]) -> None:
 
 
 def _distil(recipe: Any, root: Path) -> None:
-    from swardmap.train.data import image_paths
     from swardmap.train.distil import Teacher, write_masks
+    from swardmap.train.photos import image_paths
 
     if not recipe.teachers:
         raise ConfigError(f"recipe {recipe.name}: --distil needs 'teachers', got none")

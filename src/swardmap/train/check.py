@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from swardmap.labels import VOID_ID
 from swardmap.models.onnx import OnnxSegmenter
-from swardmap.train.data import Photo
+from swardmap.train.photos import Photo
 from swardmap.train.score import Score
 from swardmap.types import Segmentation
 

@@ -4,24 +4,18 @@ A pixel need not be known exactly. Its *code* names a set of classes: one class 
 a teacher's word, some classes (a data set that knows persons but not grass), or any (void).
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from swardmap.errors import ConfigError, InputError
-from swardmap.labels import GRASS_OBSTACLE_PERSON, VOID_ID, LabelSet, Role
-from swardmap.train.augment import Image, Strength, paste, relight, warp
+from swardmap.errors import InputError
+from swardmap.labels import VOID_ID, Role
+from swardmap.train.augment import Strength, paste, relight, warp
+from swardmap.train.photos import PARTIAL_CODE, PSEUDO_CODE, Photo, read_photos
 from swardmap.train.recipe import DataConfig, NetworkConfig, Recipe
-from swardmap.types import Frame
-
-PSEUDO_CODE = 100
-PARTIAL_CODE = 200
-IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png")
-LARGEST_EDGE = 640  # of images kept in memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,23 +29,6 @@ class Codes:
 
     sets: NDArray[np.bool_]
     weights: NDArray[np.float32]
-
-
-@dataclass(eq=False)
-class Photo:
-    """One image with its codes, kept in memory.
-
-    Attributes:
-        image: (H, W, 3) uint8 RGB.
-        codes: (H, W) uint8.
-        fine: (H, W) uint8 ids of the finer classes, 255 = void.
-        stem: name.
-    """
-
-    image: Image
-    codes: Image
-    fine: Image
-    stem: str
 
 
 @dataclass(eq=False)
@@ -108,43 +85,11 @@ def load_photos(recipe: Recipe, root: Path, validation: bool) -> list[PhotoSet]:
     for number, config in enumerate(recipe.data):
         if config.validation != validation or (config.weight == 0 and not validation):
             continue
-        if config.kind == "recording":
-            photos = [_of_frame(frame, config, number, recipe.network) for frame in _frames(config, root)]
-        else:
-            photos = [_load(path, config, number, recipe.network, root) for path in image_paths(config, root)]
+        photos = read_photos(config, number, recipe.network, root)
         if not photos:
             raise InputError(f"data set {config.name}: no images in {root / config.folder}")
         loaded.append(PhotoSet(config, photos, person_code(recipe.network)))
     return loaded
-
-
-def image_paths(config: DataConfig, root: Path) -> list[Path]:
-    """Images of a data set, sorted.
-
-    Raises:
-        InputError: for a missing folder, or a list that names what is not there.
-    """
-    folder = root / config.folder / config.images
-    if not folder.is_dir():
-        raise InputError(f"data set {config.name}: no such folder: {folder}")
-    found = {p.stem: p for p in sorted(folder.iterdir()) if p.suffix.lower() in IMAGE_SUFFIXES}
-    if config.list is None:
-        return _held_out(list(found.values()), config)
-    listing = root / config.folder / config.list
-    if not listing.is_file():
-        raise InputError(f"data set {config.name}: no such list: {listing}")
-    stems = listing.read_text(encoding="utf-8").split()
-    lost = [s for s in stems if s not in found]
-    if lost:
-        raise InputError(f"data set {config.name}: {listing} names {lost[0]}, which is not in {folder}")
-    return _held_out([found[s] for s in stems], config)
-
-
-def _held_out(paths: list[Path], config: DataConfig) -> list[Path]:
-    n = config.hold_out
-    if n:
-        paths = [p for i, p in enumerate(paths) if (i % n == n // 2) == config.validation]
-    return paths[:: config.every]
 
 
 def draw_batch(sets: Sequence[PhotoSet], recipe: Recipe, indices: Sequence[int], step: int) -> list[Photo]:
@@ -190,91 +135,3 @@ def _pick_person(sets: Sequence[PhotoSet], person: int, rng: np.random.Generator
         if 0.02 < (photo.codes == person).mean() < 0.5:
             return photo
     return photo
-
-
-def _load(path: Path, config: DataConfig, number: int, network: NetworkConfig, root: Path) -> Photo:
-    image = _read(path, cv2.IMREAD_COLOR)
-    shape = image.shape[:2]
-    base = root / config.folder
-    mask = np.full(shape, VOID_ID, np.uint8)
-    if config.labels is not None:
-        mask = _read(base / config.labels / f"{path.stem}{config.label_suffix}", cv2.IMREAD_GRAYSCALE, shape)
-    codes = _class_indices(config, network)[mask]
-    pseudo_path = root / (config.pseudo or "") / f"{path.stem}.png"
-    if config.pseudo is not None and pseudo_path.is_file():
-        pseudo = _read(pseudo_path, cv2.IMREAD_GRAYSCALE)
-        pseudo = np.asarray(cv2.resize(pseudo, shape[::-1], interpolation=cv2.INTER_NEAREST), np.uint8)
-        said = _index_table(GRASS_OBSTACLE_PERSON, network)[pseudo]
-        codes = np.where((codes == VOID_ID) & (said != VOID_ID), said + np.uint8(PSEUDO_CODE), codes)
-    fine = np.full(shape, VOID_ID, np.uint8)
-    if config.fine is not None and network.auxiliary_classes:
-        fine = _read(base / config.fine / f"{path.stem}{config.label_suffix}", cv2.IMREAD_GRAYSCALE, shape)
-        fine = np.where(fine == 0, np.uint8(VOID_ID), fine)
-    rgb = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
-    return _shrunk(Photo(rgb, _partial(codes, config, number), fine, path.stem), config.validation)
-
-
-def _frames(config: DataConfig, root: Path) -> Iterator[Frame]:
-    from swardmap.io import open_source
-
-    for index, frame in enumerate(open_source(root / config.folder)):
-        if config.hold_out and (index % config.hold_out == config.hold_out // 2) != config.validation:
-            continue
-        if index % config.every == 0:
-            yield frame
-
-
-def _of_frame(frame: Frame, config: DataConfig, number: int, network: NetworkConfig) -> Photo:
-    if frame.labels is None or frame.label_set is None:
-        raise InputError(f"data set {config.name}: frame {frame.name} has no true labels")
-    codes = _index_table(frame.label_set, network)[frame.labels]
-    fine = np.full(codes.shape, VOID_ID, np.uint8)
-    return _shrunk(Photo(frame.rgb, _partial(codes, config, number), fine, frame.name), config.validation)
-
-
-def _partial(codes: Image, config: DataConfig, number: int) -> Image:
-    if not config.void_means:
-        return codes
-    return np.where(codes == VOID_ID, np.uint8(PARTIAL_CODE + number), codes)
-
-
-def _class_indices(config: DataConfig, network: NetworkConfig) -> NDArray[np.uint8]:
-    """(256,) uint8: id in the data set's masks -> index of the class, 255 = void."""
-    if not config.ids:
-        return _index_table(GRASS_OBSTACLE_PERSON, network)
-    table = np.full(256, VOID_ID, np.uint8)
-    named = _index_table(GRASS_OBSTACLE_PERSON, network)
-    for entry in config.ids.split(","):
-        number, _, name = entry.partition("=")
-        if not number.strip().isdigit() or not int(number) <= VOID_ID:
-            raise ConfigError(f"data set {config.name}: expected ids as 0=other,1=grass, got '{entry}'")
-        table[int(number)] = named[GRASS_OBSTACLE_PERSON[name.strip()].id]
-    return table
-
-
-def _index_table(source: LabelSet, network: NetworkConfig) -> NDArray[np.uint8]:
-    """(256,) uint8: id of `source` -> index of the network's class, 255 = void."""
-    index = np.full(256, VOID_ID, np.uint8)
-    index[list(network.trained_ids)] = np.arange(len(network.trained_ids))
-    return index[source.remap_table(network.label_set)]
-
-
-def _shrunk(photo: Photo, keep: bool) -> Photo:
-    height, width = photo.codes.shape
-    factor = LARGEST_EDGE / max(height, width)
-    if factor >= 1 or keep:
-        return photo
-    size = (round(width * factor), round(height * factor))
-    masks = [cv2.resize(m, size, interpolation=cv2.INTER_NEAREST) for m in (photo.codes, photo.fine)]
-    return Photo(cv2.resize(photo.image, size, interpolation=cv2.INTER_AREA), masks[0], masks[1], photo.stem)
-
-
-def _read(path: Path, mode: int, shape: tuple[int, ...] | None = None) -> Image:
-    image = cv2.imread(str(path), mode) if path.is_file() else None
-    if image is None:
-        raise InputError(f"cannot read the image {path}: missing or damaged")
-    if shape is not None and image.shape[:2] != shape:
-        raise InputError(
-            f"{path}: expected a mask of {shape[1]} x {shape[0]} as its image, got {image.shape}"
-        )
-    return np.asarray(image, np.uint8)

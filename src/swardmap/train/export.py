@@ -19,8 +19,8 @@ from swardmap.errors import ModelError, require
 from swardmap.models.onnx import preprocess
 from swardmap.models.spec import METADATA_KEY, NetworkSpec
 from swardmap.train.augment import Image
-from swardmap.train.data import Photo
 from swardmap.train.networks import DeepLabV3Plus
+from swardmap.train.photos import Photo
 from swardmap.types import nearest_indices
 
 OPSET = 18

@@ -18,9 +18,10 @@ from swardmap.labels import VOID_ID
 from swardmap.models.onnx import decide, preprocess
 from swardmap.train.build import build_network, network_spec
 from swardmap.train.checkpoint import Run, restore, save_progress
-from swardmap.train.data import Codes, Photo, PhotoSet, draw_batch, load_photos, make_codes
+from swardmap.train.data import Codes, PhotoSet, draw_batch, load_photos, make_codes
 from swardmap.train.loss import set_loss
 from swardmap.train.networks import DeepLabV3Plus
+from swardmap.train.photos import Photo
 from swardmap.train.pictures import write_pictures
 from swardmap.train.recipe import Recipe
 from swardmap.train.score import Score

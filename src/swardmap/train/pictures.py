@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from swardmap.train.augment import Image
-from swardmap.train.data import Photo
+from swardmap.train.photos import Photo
 from swardmap.types import Segmentation
 
 CURVES = {

@@ -87,6 +87,13 @@ class DataConfig(Checked):
     list: str | None = setting(None, "text file in the folder with one stem a line; none = all images")
     images: str = setting("images", "subfolder")
     labels: str | None = setting("labels", "subfolder of masks named as the images; none = unlabelled")
+    annotations: str | None = setting(
+        None,
+        "COCO .json, CVAT .xml or export folder, in place of `labels`; images it does not name are left out",
+    )
+    classes: str = setting(
+        "", "what the annotations' names mean, as person=person,*=void; background is void unless named"
+    )
     label_suffix: str = setting(".png", "what follows the image's stem in the mask's name")
     ids: str = setting(
         "", "classes of the masks' ids, as 0=other,1=grass,2=person (the default); others void"

@@ -12,9 +12,10 @@ from swardmap.models.spec import NetworkSpec
 from swardmap.train.build import network_spec
 from swardmap.train.check import check
 from swardmap.train.checkpoint import load_network
-from swardmap.train.data import Photo, load_photos
+from swardmap.train.data import load_photos
 from swardmap.train.export import export_onnx, fit_temperature, quantise, with_spec
 from swardmap.train.networks import DeepLabV3Plus
+from swardmap.train.photos import Photo
 
 
 def release(
