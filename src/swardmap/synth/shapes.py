@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swardmap.errors import InvalidValueError
-from swardmap.synth.model import Float64Array, Material, Mesh
+from swardmap.synth.model import Float64Array, Material, Mesh, Model
 
 
 def mesh_of(
@@ -114,3 +114,176 @@ def _grid_faces(rows: int, columns: int) -> NDArray[np.intp]:
     at = np.arange(rows * columns).reshape(rows, columns)
     a, b, c, d = at[:-1, :-1].ravel(), at[:-1, 1:].ravel(), at[1:, 1:].ravel(), at[1:, :-1].ravel()
     return np.concatenate([np.stack((a, b, c), 1), np.stack((a, c, d), 1)])
+
+
+def ellipsoid(
+    radii_m: tuple[float, float, float], rings: int = 10, sides: int = 16, material: Material | None = None
+) -> Mesh:
+    """An ellipsoid that touches z = 0 from above; its vertices lie on the true surface."""
+    return moved(sphere(1.0, rings, sides, material), placed(0, 0, scale=radii_m))
+
+
+def lathe(profile_m: ArrayLike, sides: int = 24, material: Material | None = None) -> Mesh:
+    """A surface of revolution about z.
+
+    Args:
+        profile_m: k x 2, radius and height, from the bottom up seen from outside; radii of 0 close it.
+        sides: segments around.
+        material: of all of it.
+    """
+    profile = np.asarray(profile_m, np.float64)
+    step = np.diff(profile, axis=0)
+    length = np.maximum(np.linalg.norm(step, axis=1), 1e-9)
+    out = np.stack((step[:, 1], -step[:, 0]), axis=1) / length[:, None]  # of each segment, in (r, z)
+    normal = np.concatenate([out[:1], (out[:-1] + out[1:]), out[-1:]])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
+    angle = np.linspace(0, 2 * np.pi, sides + 1)
+    c, s = np.cos(angle), np.sin(angle)
+    ones = np.ones_like(c)
+
+    def around(rz: Float64Array) -> Float64Array:
+        return np.stack([np.outer(rz[:, 0], c), np.outer(rz[:, 0], s), np.outer(rz[:, 1], ones)], axis=-1)
+
+    along = np.concatenate([[0.0], np.cumsum(length)])
+    widest = max(float(profile[:, 0].max()), 1e-6)
+    uv = np.stack(np.broadcast_arrays(angle[None] * widest, along[:, None]), axis=-1)
+    return mesh_of(around(profile), around(normal), uv, _grid_faces(len(profile), sides + 1), material)
+
+
+def tube(
+    path_m: ArrayLike, radius_m: float | ArrayLike, sides: int = 8, material: Material | None = None
+) -> Mesh:
+    """A round tube along a line, its ends closed.
+
+    Args:
+        path_m: k x 3, its axis.
+        radius_m: one, or one for each point of the path.
+        sides: segments around.
+        material: of all of it.
+    """
+    path = np.asarray(path_m, np.float64)
+    if path.ndim != 2 or path.shape[1] != 3 or len(path) < 2:
+        raise InvalidValueError(f"tube: expected a path of at least 2 x 3, got {path.shape}")
+    radius = np.broadcast_to(np.asarray(radius_m, np.float64), len(path))
+    a, b, tangent = _frames_along(path)
+    angle = np.linspace(0, 2 * np.pi, sides + 1)
+    spokes = a[:, None] * np.cos(angle)[None, :, None] + b[:, None] * np.sin(angle)[None, :, None]
+    rings = path[:, None] + spokes * radius[:, None, None]
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
+    uv = np.stack(np.broadcast_arrays(angle[None] * radius[:, None], along[:, None]), axis=-1)
+    n = sides + 1
+    faces = _grid_faces(len(path), n)
+    parts = [mesh_of(rings, spokes, uv, faces, material)]
+    k = np.arange(sides)
+    for end, sign in ((0, -1.0), (-1, 1.0)):
+        order = (k + 1, k + 2) if sign > 0 else (k + 2, k + 1)
+        fan = np.stack((np.zeros(sides, np.intp), *order), axis=1)
+        xyz = np.concatenate([path[end][None], rings[end]])
+        normals = np.tile(tangent[end] * sign, (n + 1, 1))
+        parts.append(mesh_of(xyz, normals, np.zeros((n + 1, 2)), fan, material))
+    return joined(parts)
+
+
+def beam(
+    start_m: ArrayLike, end_m: ArrayLike, size_m: tuple[float, float], material: Material | None = None
+) -> Mesh:
+    """A bar of rectangular section between two points; the first size lies level, the second stands."""
+    start, end = np.asarray(start_m, np.float64), np.asarray(end_m, np.float64)
+    axis = end - start
+    length = float(np.linalg.norm(axis))
+    if length <= 0:
+        raise InvalidValueError("beam: expected two points that differ, got the same twice")
+    x = axis / length
+    side = np.cross([0.0, 0.0, 1.0], x)
+    y = side / np.linalg.norm(side) if np.linalg.norm(side) > 1e-6 else np.array([0.0, 1.0, 0.0])
+    T = np.eye(4)
+    T[:3, :3] = np.stack((x, y, np.cross(x, y)), axis=1)
+    T[:3, 3] = (start + end) / 2
+    centred = moved(box((length, *size_m), material), placed(0, 0, -size_m[1] / 2))
+    return moved(centred, T)
+
+
+def prism(outline_m: ArrayLike, height_m: float, material: Material | None = None) -> Mesh:
+    """A convex outline (k x 2, counter-clockwise) pulled up from z = 0."""
+    outline = np.asarray(outline_m, np.float64)
+    k = len(outline)
+    if outline.shape != (k, 2) or k < 3:
+        raise InvalidValueError(f"prism: expected an outline of at least 3 x 2, got {outline.shape}")
+    after = np.roll(outline, -1, axis=0)
+    edge = after - outline
+    length = np.linalg.norm(edge, axis=1)
+    flat = np.stack((edge[:, 1], -edge[:, 0], np.zeros(k)), axis=1) / np.maximum(length, 1e-12)[:, None]
+    z = np.array([0.0, 0.0, height_m, height_m])
+    ends = np.stack((outline, after, after, outline), axis=1)
+    sides = np.concatenate([ends, np.broadcast_to(z[None, :, None], (k, 4, 1))], axis=2)
+    u = np.stack((np.zeros(k), length, length, np.zeros(k)), axis=1)
+    side_uv = np.stack((u, np.broadcast_to(z, (k, 4))), axis=-1)
+    quads = np.arange(4 * k).reshape(k, 4)
+    walls = mesh_of(
+        sides, np.repeat(flat, 4, axis=0), side_uv,
+        np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]), material,
+    )  # fmt: skip
+    i = np.arange(1, k - 1)
+    parts = [walls]
+    for z0, up in ((0.0, -1.0), (height_m, 1.0)):
+        fan = np.stack(
+            (np.zeros(k - 2, np.intp), i, i + 1) if up > 0 else (np.zeros(k - 2, np.intp), i + 1, i), 1
+        )
+        xyz = np.concatenate([outline, np.full((k, 1), z0)], axis=1)
+        parts.append(mesh_of(xyz, np.tile([0, 0, up], (k, 1)), outline, fan, material))
+    return joined(parts)
+
+
+def cards(
+    centres_m: ArrayLike, normals: ArrayLike, size_m: ArrayLike, turn_rad: ArrayLike,
+    shading: ArrayLike | None = None, material: Material | None = None,
+) -> Mesh:  # fmt: skip
+    """Square pictures in space, such as leaves; each shows the whole texture.
+
+    Args:
+        centres_m: n x 3.
+        normals: n x 3, of length 1: where the cards face.
+        size_m: edge, one or n.
+        turn_rad: of each card about its normal, one or n.
+        shading: n x 3, the normals for the light; None = where the cards face.
+        material: of all of it; usually a cut-out.
+    """
+    centre, n = np.asarray(centres_m, np.float64), np.asarray(normals, np.float64)
+    helper = np.where(np.abs(n[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
+    a = np.cross(helper, n)
+    a /= np.linalg.norm(a, axis=1, keepdims=True)
+    b = np.cross(n, a)
+    turn = np.broadcast_to(np.asarray(turn_rad, np.float64), len(n))[:, None]
+    a, b = a * np.cos(turn) + b * np.sin(turn), b * np.cos(turn) - a * np.sin(turn)
+    half = np.broadcast_to(np.asarray(size_m, np.float64), len(n))[:, None] / 2
+    corners = [centre + half * (u * a + v * b) for u, v in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    quads = np.arange(4 * len(n)).reshape(-1, 4)
+    light = np.asarray(n if shading is None else shading, np.float64)
+    return mesh_of(
+        np.stack(corners, axis=1), np.repeat(light, 4, axis=0),
+        np.tile([[0, 0], [1, 0], [1, 1], [0, 1]], (len(n), 1)),
+        np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]), material,
+    )  # fmt: skip
+
+
+def model_of(name: str, meshes: list[Mesh]) -> Model:
+    """A model with one mesh for each material, however many parts came in."""
+    by_material: dict[int, list[Mesh]] = {}
+    for mesh in meshes:
+        by_material.setdefault(id(mesh.material), []).append(mesh)
+    return Model(name, tuple(joined(parts) for parts in by_material.values()))
+
+
+def _frames_along(path: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
+    """Two normals and the tangent at each point, carried along without twist where the path bends."""
+    step = np.diff(path, axis=0)
+    step /= np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-12)
+    tangent = np.concatenate([step[:1], step[:-1] + step[1:], step[-1:]])
+    tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-12)
+    a = np.zeros_like(path)
+    start = np.eye(3)[int(np.argmin(np.abs(tangent[0])))]
+    for i, t in enumerate(tangent):
+        before = start if i == 0 else a[i - 1]
+        a[i] = before - t * (before @ t)
+        a[i] /= max(float(np.linalg.norm(a[i])), 1e-12)
+    return a, np.cross(tangent, a), tangent
