@@ -2,8 +2,9 @@
 
     python benchmarks/score_segmenter.py auto --data ~/photos/msrc_v2 --list val.txt
 
-The folder holds images/ and labels/ (0 other, 1 grass, 2 person, 255 void). These are the figures of the
-model card (docs/models.md).
+The folder holds images/ and labels/ (0 other, 1 grass, 2 person, 255 void), or with --recording it is
+anything that `swardmap map` reads and that has true labels, such as the gardens of `swardmap synth`. These
+are the figures of the model card (docs/models.md).
 """
 
 import argparse
@@ -27,6 +28,7 @@ def main() -> None:
     parser.add_argument("--data", type=Path, required=True)
     parser.add_argument("--list", help="text file in the folder with one stem a line")
     parser.add_argument("--every", type=int, default=1, help="use every n-th photo")
+    parser.add_argument("--recording", action="store_true", help="the folder is a recording with true labels")
     parser.add_argument("--worst", type=int, default=0, help="name the n photos with most wrong pixels")
     arguments = parser.parse_args()
     entry = {
@@ -34,6 +36,7 @@ def main() -> None:
         "folder": arguments.data.name,
         "list": arguments.list,
         "every": arguments.every,
+        "kind": "recording" if arguments.recording else "images",
     }
     recipe = recipe_from_dict({"name": "score", "data": [entry]})
     photos = load_photos(recipe, arguments.data.resolve().parent, validation=False)[0].photos

@@ -105,3 +105,43 @@ def test_two_processes_take_the_batch_in_turn(
         run = start_run(recipe, torch.device("cpu"))
         train_step(run, sets, make_codes(recipe), rank, 2)
     assert drawn == [[0, 2], [1, 3]]
+
+
+def test_a_run_may_begin_from_anothers_weights(
+    data_root: Path, tiny_recipe: MakeRecipe, tmp_path: Path
+) -> None:
+    train(recipe_from_dict(tiny_recipe(steps=2)), data_root, tmp_path / "first", silent)
+    start = str(tmp_path / "first/best.pt")
+    again = recipe_from_dict(tiny_recipe(steps=2) | {"start": start})
+    still = {"steps": 1, "encoder_rate": 0.0, "decoder_rate": 0.0}
+    tree = tiny_recipe(steps=1) | {"start": start}
+    tree["schedule"] = tree["schedule"] | still
+    run = train(recipe_from_dict(tree), data_root, tmp_path / "still", silent)
+    begun = read_checkpoint(tmp_path / "first/best.pt")["average"]
+    for key, value in run.network.named_parameters():  # learnt nothing, so it is where it began
+        torch.testing.assert_close(value, begun[key])
+    assert train(again, data_root, tmp_path / "second", silent).step == 2
+    other = tiny_recipe(steps=2, encoder="resnet18", imagenet=False) | {"start": start}
+    with pytest.raises(ModelError, match="expected a checkpoint of the same network"):
+        train(recipe_from_dict(other), data_root, tmp_path / "third", silent)
+
+
+def test_each_validation_set_has_its_say_in_the_choice(data_root: Path, tiny_recipe: MakeRecipe) -> None:
+    tree = tiny_recipe()
+    held = {"folder": "made", "validation": True, "hold_out": 5}
+    tree["data"] = [
+        {"name": "made", "folder": "made", "hold_out": 5},
+        held | {"name": "a", "weight": 3.0},
+        held | {"name": "b", "weight": 1.0},
+    ]
+    sets = load_photos(recipe_from_dict(tree), data_root, validation=True)
+    figures = {"a.grass_iou": 0.8, "a.obstacle_called_grass": 0.2, "b.grass_iou": 0.4, "b.person_iou": 0.8}
+    assert loop.merit(figures, sets) == pytest.approx((3 * 0.6 + 0.6) / 4)
+    recipe = recipe_from_dict(tree)
+    measured = loop.validate(
+        loop.averaged_network(start_run(recipe, torch.device("cpu"), pretrained=False)),
+        recipe,
+        sets,
+        torch.device("cpu"),
+    )
+    assert measured["a.accuracy"] == measured["b.accuracy"] == measured["accuracy"]

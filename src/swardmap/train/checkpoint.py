@@ -75,6 +75,23 @@ def restore(run: Run, path: Path) -> None:
     run.step, run.best, run.history = state["step"], state["best"], state["history"]
 
 
+def begin_from(run: Run, path: Path) -> None:
+    """Take the weights of another run's checkpoint; steps, learning rates and history start anew.
+
+    Raises:
+        ModelError: for a file that is no checkpoint, or one of another network.
+    """
+    average = read_checkpoint(path)["average"]
+    try:
+        run.network.load_state_dict(average)
+    except RuntimeError as error:  # torch lists every tensor that does not fit
+        raise ModelError(
+            f"{path}: expected a checkpoint of the same network as the recipe's "
+            f"({run.recipe.network.encoder}), got another"
+        ) from error
+    run.average = {k: v.detach().clone() for k, v in run.network.state_dict().items()}
+
+
 def read_checkpoint(path: Path) -> dict[str, Any]:
     """Load a checkpoint; nothing in it is executed.
 

@@ -6,6 +6,7 @@ dropout are drawn from (seed, step). So a run that was killed and resumed ends w
 
 import os
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from torch.nn import functional as F  # noqa: N812 - torch's own name for it
 from swardmap.labels import VOID_ID
 from swardmap.models.onnx import decide, preprocess
 from swardmap.train.build import build_network, network_spec
-from swardmap.train.checkpoint import Run, restore, save_progress
+from swardmap.train.checkpoint import Run, begin_from, restore, save_progress
 from swardmap.train.data import Codes, PhotoSet, draw_batch, load_photos, make_codes
 from swardmap.train.loss import set_loss
 from swardmap.train.networks import DeepLabV3Plus
@@ -71,6 +72,8 @@ def train(recipe: Recipe, root: Path, out: Path, report: Report, device: str = "
     run = start_run(recipe, torch.device(device))
     if (out / "last.pt").exists():
         restore(run, out / "last.pt")
+    elif recipe.start:
+        begin_from(run, root / recipe.start)
     learn, check = load_photos(recipe, root, validation=False), load_photos(recipe, root, validation=True)
     codes = make_codes(recipe)
     while run.step < recipe.schedule.steps:
@@ -83,7 +86,7 @@ def train(recipe: Recipe, root: Path, out: Path, report: Report, device: str = "
             figures = validate(network, recipe, check, run.device)
             run.history.append({"step": run.step, "loss": loss, **figures})
             report(run.history[-1])
-            save_progress(run, out, merit(figures))
+            save_progress(run, out, merit(figures, check))
             write_pictures(out, run.history, _examples(network, recipe, check, run.device))
     return run
 
@@ -130,15 +133,20 @@ def train_step(run: Run, sets: Sequence[PhotoSet], codes: Codes, rank: int = 0, 
 def validate(
     network: nn.Module, recipe: Recipe, sets: Sequence[PhotoSet], device: torch.device
 ) -> dict[str, Any]:
-    """Figures on whole photos, at the photo's own size; none without validation data."""
+    """Figures on whole photos, at the photo's own size: of all, and of each set if there are several."""
     spec = network_spec(recipe)
     ids = np.full(256, VOID_ID, np.uint8)
     ids[: len(spec.channel_ids)] = spec.channel_ids
-    score = Score.empty(spec.channel_ids, spec.label_set)
-    photos = [p for s in sets for p in s.photos]
-    for photo in photos:
-        score = score.plus(ids[photo.codes], predict(network, recipe, photo, device).labels)
-    return dict(score.figures()) if photos else {}
+    total = Score.empty(spec.channel_ids, spec.label_set)
+    figures: dict[str, Any] = {}
+    for photo_set in sets:
+        score = Score.empty(spec.channel_ids, spec.label_set)
+        for photo in photo_set.photos:
+            score = score.plus(ids[photo.codes], predict(network, recipe, photo, device).labels)
+        total = replace(total, counts=total.counts + score.counts)
+        if len(sets) > 1:
+            figures |= {f"{photo_set.config.name}.{k}": v for k, v in score.figures().items()}
+    return dict(total.figures()) | figures if sets else {}
 
 
 @torch.no_grad()
@@ -152,11 +160,20 @@ def predict(network: nn.Module, recipe: Recipe, photo: Photo, device: torch.devi
     return Segmentation(labels, spec.label_set, confidence).resized_to(*photo.codes.shape)
 
 
-def merit(figures: Mapping[str, Any]) -> float:
-    """One number to choose the best checkpoint by: grass found, obstacles not run over, persons seen."""
-    grass, person = figures.get("grass_iou"), figures.get("person_iou")
-    run_over = figures.get("obstacle_called_grass")
-    return (grass or 0.0) + 0.25 * (person or 0.0) - (run_over or 0.0)
+def merit(figures: Mapping[str, Any], sets: Sequence[PhotoSet]) -> float:
+    """One number to choose the best checkpoint by: grass found, obstacles not run over, persons seen.
+
+    The mean over the validation sets by their weights, however many photos each has.
+    """
+    prefixes = [f"{s.config.name}." for s in sets] if len(sets) > 1 else [""] * len(sets)
+    weights = [s.config.weight for s in sets]
+    values = []
+    for prefix in prefixes:
+        grass, person, run_over = (
+            figures.get(prefix + name) or 0.0 for name in ("grass_iou", "person_iou", "obstacle_called_grass")
+        )
+        values.append(grass + 0.25 * person - run_over)
+    return float(np.average(values, weights=weights)) if sum(weights) > 0 else 0.0
 
 
 def averaged_network(run: Run) -> DeepLabV3Plus:

@@ -101,7 +101,9 @@ class DataConfig(Checked):
     fine: str | None = setting(None, "subfolder of masks with finer classes; 0 and 255 are void")
     pseudo: str | None = setting(None, "folder of teachers' masks, made by `swardmap train --distil`")
     void_means: str = setting("", "classes that a void pixel may be, with commas; empty = any")
-    weight: float = setting(1.0, "share of the samples", minimum=0)
+    weight: float = setting(
+        1.0, "share of the samples; of validation sets, in the choice of the best checkpoint", minimum=0
+    )
     person_boost: float = setting(1.0, "how much more often an image with a person is drawn", minimum=0)
     validation: bool = setting(False, "measured on, not learnt from")
     every: int = setting(1, "use every n-th image", minimum=1)
@@ -133,6 +135,7 @@ class Recipe:
     data: tuple[DataConfig, ...] = ()
     teachers: tuple[TeacherConfig, ...] = ()
     licence: str = ""
+    start: str = ""  # checkpoint whose weights it begins from, relative to the data root
 
     def __post_init__(self) -> None:
         if not any(d.weight > 0 and not d.validation for d in self.data):
@@ -182,6 +185,7 @@ def recipe_from_dict(tree: Any, where: str = "recipe") -> Recipe:
         data=tuple(build(DataConfig, d, f"data[{i}].") for i, d in enumerate(lists["data"])),
         teachers=tuple(build(TeacherConfig, t, f"teachers[{i}].") for i, t in enumerate(lists["teachers"])),
         licence=str(tree.get("licence", "")),
+        start=str(tree.get("start") or ""),
     )
 
 

@@ -39,7 +39,7 @@ class Score:
         return Score(self.counts + flat.reshape(n, n + 1), self.ids, self.label_set)
 
     def figures(self) -> Mapping[str, float | None]:
-        """Accuracy, IoU of each class, share of obstacle pixels called grass; None where undefined."""
+        """Accuracy, IoU and F1 of each class, share of obstacle pixels called grass; None where undefined."""
         square = self.counts[:, :-1]
         right = np.diag(square)
         union = self.counts.sum(1) + square.sum(0) - right
@@ -48,6 +48,7 @@ class Score:
         figures = {"accuracy": _share(right.sum(), self.counts.sum())}
         for row, class_id in enumerate(self.ids):
             figures[f"{names[class_id]}_iou"] = _share(right[row], union[row])
+            figures[f"{names[class_id]}_f1"] = _share(2 * right[row], union[row] + right[row])
         free = np.array([roles[i] is Role.FREE for i in self.ids])
         figures["obstacle_called_grass"] = _share(square[~free][:, free].sum(), self.counts[~free].sum())
         return figures
