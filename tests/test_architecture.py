@@ -30,6 +30,11 @@ CORE = (
     "costmap",
     "level",
     "pipeline",
+    "rig",
+    "travel",
+    "health",
+    "watchdog",
+    "freshness",
 )
 EDGES = ("io", "models", "eval", "synth", "train", "viz", "ros", "cli", "recording")
 HEAVY = (

@@ -58,6 +58,37 @@ class SourceConfig(Checked):
 
 
 @dataclass(frozen=True)
+class CameraConfig(Checked):
+    """A live RealSense camera (docs/live.md)."""
+
+    serial: str | None = setting(None, "serial number, in quotes; none = the only camera")
+    width: int = setting(640, "of colour and depth images", minimum=1)
+    height: int = setting(480, "of colour and depth images", minimum=1)
+    fps: int = setting(30, "images a second", minimum=1)
+    align: str = setting(
+        "swardmap",
+        "depth to colour by our own rule, or by the SDK's rs.align; docs/live.md says how they differ",
+        choices=("swardmap", "sdk"),
+    )
+    decimation: int = setting(1, "depth is reduced by this factor; 1 = not", minimum=1, maximum=8)
+    spatial: bool = setting(False, "smooth depth within the image, edges kept")
+    temporal: bool = setting(False, "smooth depth over time: for a robot that stands still")
+    threshold_m: tuple[float, float] | None = setting(None, "drop readings nearer or farther than this")
+    hole_filling: bool = setting(False, "fill holes with a neighbour's depth: invents free space, see docs")
+    timeout_s: float = setting(3.0, "without an image for so long the camera is opened anew", minimum=0.1)
+    reconnect_s: float = setting(
+        30.0, "without an image for so long, unplugged or not, the run ends", minimum=0.1
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.threshold_m is not None and not 0 <= self.threshold_m[0] < self.threshold_m[1]:
+            raise ConfigError(
+                f"camera: expected threshold_m as nearest and farthest, got {list(self.threshold_m)}"
+            )
+
+
+@dataclass(frozen=True)
 class SegmenterConfig(Checked):
     """What tells grass from obstacles."""
 
@@ -235,6 +266,75 @@ class CostmapConfig(Checked):
 
 
 @dataclass(frozen=True)
+class AreaConfig(Checked):
+    """The work area in GPS coordinates (docs/work_area.md)."""
+
+    file: str | None = setting(None, "GeoJSON or KML with the boundary and exclusion zones; none = no area")
+    datum_lat: float | None = setting(
+        None, "latitude in degrees of the map's origin (WGS84)", minimum=-90, maximum=90
+    )
+    datum_lon: float | None = setting(
+        None, "longitude in degrees of the map's origin (WGS84)", minimum=-180, maximum=180
+    )
+    datum_heading_deg: float = setting(
+        0.0, "of the map's x axis, from east towards north (REP-103)", minimum=-360, maximum=360
+    )
+    projection: str = setting(
+        "tmerc",
+        "tmerc: transverse Mercator at the datum; topocentric: plane that touches the earth there",
+        choices=("tmerc", "topocentric"),
+    )
+    keep_out_cost: int = setting(
+        254, "cost of cells outside or excluded: 254 is lethal", minimum=1, maximum=254
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.file is not None and (self.datum_lat is None or self.datum_lon is None):
+            raise ConfigError(
+                "area: expected datum_lat and datum_lon beside file: where is the map's origin?"
+            )
+
+
+@dataclass(frozen=True)
+class WatchdogConfig(Checked):
+    """When a camera, the pose or the map counts as sick (docs/watchdog.md says why)."""
+
+    stopped_s: float = setting(0.5, "no frame of a camera for so long", minimum=0.01)
+    stale_s: float = setting(0.5, "image stamp to now, of the newest frame", minimum=0.01)
+    min_rate_hz: float = setting(5.0, "a camera that gives fewer frames a second is slow", minimum=0)
+    rate_window_s: float = setting(2.0, "frames are counted over this time", minimum=0.1, maximum=60)
+    rate_reference_s: float = setting(
+        20.0, "the time before it that a falling rate is compared with", minimum=0.1, maximum=600
+    )
+    falling_share: float = setting(0.6, "falling: below this share of the rate before", minimum=0, maximum=1)
+    frozen_s: float | None = setting(
+        0.5, "identical images for so long; none = never, for simulators without noise", minimum=0
+    )
+    black_level: float = setting(16.0, "black: 99 % of the image is darker (0-255)", minimum=0, maximum=255)
+    min_depth_share: float = setting(
+        0.05, "no depth: fewer pixels than this share have a reading", minimum=0, maximum=1
+    )
+    image_s: float = setting(0.3, "so long an image must be black, flipped or without depth", minimum=0)
+    jump_s: float = setting(0.5, "stamps that run ahead of the arrival by more have jumped", minimum=0.001)
+    hold_s: float = setting(1.0, "so long a jump stays in the report", minimum=0)
+    pose_s: float | None = setting(
+        0.5, "no pose for so long is a lost pose; none = poses are not watched", minimum=0.01
+    )
+    queue_s: float = setting(1.0, "a queue that was full for so long", minimum=0)
+    forget_s: float = setting(
+        2.0, "while something demands a stop: free cells not seen for so long turn unknown", minimum=0
+    )
+    free_age_s: float | None = setting(
+        None, "the same while all is well; none = what was seen free stays so", minimum=0
+    )
+    recover_s: float = setting(2.0, "so long all must be well before the stop flag is taken back", minimum=0)
+    latency_window_s: float = setting(
+        60.0, "latencies of the frames of this time (at most 4096) make p50 and p99", minimum=0.1
+    )
+
+
+@dataclass(frozen=True)
 class OutputConfig(Checked):
     """What `map` writes."""
 
@@ -250,6 +350,7 @@ class Config(Checked):
     """The whole tree."""
 
     source: SourceConfig = field(default_factory=SourceConfig)
+    camera: CameraConfig = field(default_factory=CameraConfig)
     segmenter: SegmenterConfig = field(default_factory=SegmenterConfig)
     mount: MountConfig = field(default_factory=MountConfig)
     cloud: CloudConfig = field(default_factory=CloudConfig)
@@ -257,6 +358,8 @@ class Config(Checked):
     geometry: GeometryConfig = field(default_factory=GeometryConfig)
     evidence: EvidenceConfig = field(default_factory=EvidenceConfig)
     costmap: CostmapConfig = field(default_factory=CostmapConfig)
+    area: AreaConfig = field(default_factory=AreaConfig)
+    watchdog: WatchdogConfig = field(default_factory=WatchdogConfig)
     output: OutputConfig = field(default_factory=OutputConfig)
     road: str = setting(
         "fused",

@@ -1,0 +1,193 @@
+"""What a watchdog says, and what it looks at in a frame: names of faults, reports, small image statistics."""
+
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import IntEnum, StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swardmap.geometry import Intrinsics, Pose
+from swardmap.types import Frame, depth_in_metres
+
+SAMPLE_STEP = 4
+"""Statistics look at every 4th row and column."""
+
+GROUND_TOLERANCE = 0.15
+"""Readings within this share of the depth at which level ground would lie count as ground."""
+
+MIN_GROUND_SHARE = 0.3
+"""Share of the readings that must be ground after turning the image over, before it counts as upside down."""
+
+
+class Severity(IntEnum):
+    """As the levels of diagnostic_msgs/DiagnosticStatus: OK, WARN, ERROR; an error demands a stop."""
+
+    OK = 0
+    WARN = 1
+    STOP = 2
+
+
+class Fault(StrEnum):
+    """What can be wrong, by name."""
+
+    STOPPED = "stopped"
+    STALE = "stale"
+    SLOW = "slow"
+    FALLING_RATE = "falling frame rate"
+    FROZEN = "frozen"
+    BLACK = "black"
+    FLIPPED = "flipped"
+    NO_DEPTH = "no depth"
+    JUMPED_BACK = "stamp jumped back"
+    JUMPED_AHEAD = "stamp jumped ahead"
+    LOST_POSE = "lost pose"
+    FULL_QUEUE = "full queue"
+
+
+WARNINGS = frozenset({Fault.SLOW, Fault.FALLING_RATE, Fault.FULL_QUEUE})
+"""Faults that leave the map right, if late; every other one demands a stop."""
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """One fault, named.
+
+    Attributes:
+        fault: its name.
+        severity: WARN or STOP.
+        subject: name of the camera or queue, or `pose`, or `clock`.
+        message: the numbers, for a person.
+    """
+
+    fault: Fault
+    severity: Severity
+    subject: str
+    message: str
+
+
+@dataclass(frozen=True, slots=True)
+class Latency:
+    """From image stamp to map: exact order statistics of a window, in milliseconds."""
+
+    count: int
+    p50_ms: float
+    p99_ms: float
+    max_ms: float
+
+
+@dataclass(frozen=True, slots=True)
+class HealthReport:
+    """What the watchdog says at one time.
+
+    Attributes:
+        stamp_ns: of the check.
+        diagnoses: every fault there is, by subject.
+        stop: whether the robot must stand still; taken back with a delay.
+        forget_before_ns: free cells last seen before it must be given as unknown; None = none.
+        rates_hz: frames a second of each camera that has given any.
+        latency: from image stamp to map; None before the first frame was mapped.
+    """
+
+    stamp_ns: int
+    diagnoses: tuple[Diagnosis, ...]
+    stop: bool
+    forget_before_ns: int | None
+    rates_hz: Mapping[str, float]
+    latency: Latency | None
+
+    @property
+    def severity(self) -> Severity:
+        """The worst there is."""
+        return max((d.severity for d in self.diagnoses), default=Severity.OK)
+
+    def of(self, subject: str) -> tuple[Diagnosis, ...]:
+        """Diagnoses of one camera, queue, `pose` or `clock`."""
+        return tuple(d for d in self.diagnoses if d.subject == subject)
+
+    def faults(self, subject: str | None = None) -> frozenset[Fault]:
+        """Names of the faults, of one subject or all."""
+        return frozenset(d.fault for d in self.diagnoses if subject in (None, d.subject))
+
+
+@dataclass(frozen=True, slots=True)
+class FrameStats:
+    """The little that the watchdog looks at.
+
+    Attributes:
+        stamp_ns: of the image.
+        arrival_ns: when it came, by the clock that `check` is asked with.
+        bright_level: 99th percentile of the colour image, 0..255.
+        depth_share: pixels with a depth reading, 0..1.
+        color_print, depth_print: checksums; equal ones are identical images.
+        upside_down: whether the ground lies where it would be in an image turned over; None = not judged.
+    """
+
+    stamp_ns: int
+    arrival_ns: int
+    bright_level: float
+    depth_share: float
+    color_print: int
+    depth_print: int
+    upside_down: bool | None = None
+
+
+def frame_stats(frame: Frame, arrival_ns: int, T_base_camera: Pose | None = None) -> FrameStats:
+    """Statistics of a frame, from every 4th row and column.
+
+    Args:
+        frame: colour and depth.
+        arrival_ns: when it came.
+        T_base_camera: mount, z = 0 the ground; without it nobody can tell whether the image is flipped.
+    """
+    step = SAMPLE_STEP
+    rgb, raw = frame.rgb[::step, ::step], frame.depth[::step, ::step]
+    depth_m = depth_in_metres(raw, frame.depth_unit_m)
+    flipped = (
+        None if T_base_camera is None else is_upside_down(depth_m, frame.intrinsics, T_base_camera, step)
+    )
+    return FrameStats(
+        frame.stamp_ns,
+        arrival_ns,
+        float(np.percentile(rgb, 99)),
+        float(np.mean(np.isfinite(depth_m))),
+        zlib.crc32(rgb.tobytes()),
+        zlib.crc32(raw.tobytes()),
+        flipped,
+    )
+
+
+def is_upside_down(
+    depth_m: NDArray[np.float32], intrinsics: Intrinsics, T_base_camera: Pose, step: int = 1
+) -> bool:
+    """Whether a depth image fits the ground only after it is turned over.
+
+    The mount says at which depth level ground lies in each pixel. If at least 30 % of the readings lie there
+    after the image is turned over (by 180 degrees, or top to bottom), and less than half as many as it is,
+    the image is upside down. It cannot tell: an image mirrored left to right (level ground looks the same),
+    a camera that looks straight down, and a view with little ground in it; these give False.
+
+    Args:
+        depth_m: (h, w) every `step`-th row and column of the depth image, NaN = no reading.
+        intrinsics: of the whole depth image.
+        T_base_camera: mount, z = 0 the ground.
+        step: see `depth_m`.
+    """
+    ray_x, ray_y = intrinsics.ray_tables()
+    down_x, down_y, down_z = -T_base_camera.matrix[2, :3]
+    fall = (
+        down_x * ray_x[None, ::step] + down_y * ray_y[::step, None] + down_z
+    )  # metres down, a metre of depth
+    height_m = float(T_base_camera.position_m[2])
+    ground_m = np.where(fall > 1e-3, height_m / np.maximum(fall, 1e-3), np.inf)
+    readings = np.count_nonzero(np.isfinite(depth_m))
+    if readings == 0:
+        return False
+
+    def share(depth: NDArray[np.float32]) -> float:
+        near = np.abs(depth - ground_m) <= GROUND_TOLERANCE * depth  # NaN compares false
+        return float(np.count_nonzero(near)) / readings
+
+    turned = max(share(depth_m[::-1, ::-1]), share(depth_m[::-1]))
+    return turned >= MIN_GROUND_SHARE and turned > 2 * share(depth_m)
