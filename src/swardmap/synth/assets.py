@@ -1,0 +1,310 @@
+"""Ready-made models, textures and arrays for gardens, read lazily from the bundles of a data package."""
+
+import hashlib
+import importlib.util
+import os
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swardmap.errors import InputError, MissingExtraError
+from swardmap.io.images import decode
+from swardmap.synth.asset_bundle import (
+    AGAIN,
+    DAMAGE,
+    Bundle,
+    arrays_of,
+    open_bundle,
+    unpacked_normals,
+    unquantised,
+)
+from swardmap.synth.model import Material, Mesh, Model, Texture
+
+VARIABLE = "SWARDMAP_GARDEN_ASSETS"
+MODULE = "swardmap_garden_assets"
+INSTALL = (
+    "Install the garden assets from a checkout of swardmap with: pip install ./garden_assets "
+    f"(or name the folder of the bundles in the environment variable {VARIABLE})"
+)
+MAX_TEXTURE_PIXELS = 2048 * 2048
+
+Arrays = Mapping[str, NDArray[Any]]
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """Where an asset comes from, for the attribution.
+
+    Attributes:
+        title: what its author calls it.
+        author: who made it.
+        licence: SPDX identifier, such as CC-BY-3.0.
+        package: package and version that it was baked from.
+        changes: what the bake did to it.
+    """
+
+    title: str
+    author: str
+    licence: str
+    package: str
+    changes: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class ModelEntry:
+    """What the index says of a model, known without reading its shape.
+
+    Attributes:
+        name, kind: such as park-bench of kind bench.
+        low_m, high_m: corners of the box around it.
+        triangles: how many.
+        source: for the attribution.
+        pose: of a person or animal: standing, sitting, lying ...; empty for the rest.
+        seat_m: height of the seat that somebody who sits needs beneath; 0 = none, or sits on the ground.
+        tags: such as child, female, conifer.
+    """
+
+    name: str
+    kind: str
+    low_m: tuple[float, float, float]
+    high_m: tuple[float, float, float]
+    triangles: int
+    source: Source
+    pose: str = ""
+    seat_m: float = 0.0
+    tags: tuple[str, ...] = ()
+
+    @property
+    def size_m(self) -> tuple[float, float, float]:
+        """Length (x, back to front), width (y) and height (z)."""
+        x, y, z = (high - low for low, high in zip(self.low_m, self.high_m, strict=True))
+        return x, y, z
+
+
+@dataclass(frozen=True, slots=True)
+class TextureEntry:
+    """What the index says of a texture.
+
+    Attributes:
+        name, kind: such as gravel-grey of kind gravel; `skin` if it belongs to a model.
+        tile_m: how far it reaches on a surface before it repeats (width, height); 0 = it does not.
+        source: for the attribution.
+    """
+
+    name: str
+    kind: str
+    tile_m: tuple[float, float]
+    source: Source
+
+
+class Assets:
+    """All bundles of a folder. Opening reads their indices; the rest is read when asked for, and kept.
+
+    Attributes:
+        digest: SHA-256 over the indices, which hold the SHA-256 of every asset.
+    """
+
+    def __init__(self, folder: Path, bundles: Iterable[Bundle]) -> None:
+        """Use `open_assets`."""
+        self._folder = folder
+        self._bundles: dict[tuple[str, str], Bundle] = {}
+        self._models: dict[str, ModelEntry] = {}
+        self._textures: dict[str, TextureEntry] = {}
+        self._arrays: dict[str, Source] = {}
+        self._kept: dict[tuple[str, str], Any] = {}
+        digest = hashlib.sha256()
+        for bundle in bundles:
+            digest.update(bundle.digest)
+            for name, entry in bundle.index["models"].items():
+                self._own("models", name, bundle)
+                self._models[name] = _model_entry(name, entry)
+            for name, entry in bundle.index["textures"].items():
+                self._own("textures", name, bundle)
+                self._textures[name] = _texture_entry(name, entry)
+            for name, entry in bundle.index["arrays"].items():
+                self._own("arrays", name, bundle)
+                self._arrays[name] = Source(**entry["source"])
+        self.digest: str = digest.hexdigest()
+
+    def kinds(self) -> tuple[str, ...]:
+        """Kinds of the models, sorted."""
+        return tuple(sorted({entry.kind for entry in self._models.values()}))
+
+    def names(self, kind: str | None = None) -> tuple[str, ...]:
+        """Names of the models, all or of one kind, sorted."""
+        return tuple(sorted(name for name, entry in self._models.items() if kind in (None, entry.kind)))
+
+    def entry(self, name: str) -> ModelEntry:
+        """What the index says of a model."""
+        return self._known(self._models, name, "model")
+
+    def model(self, name: str) -> Model:
+        """The shape of a model; read on the first call.
+
+        Raises:
+            InputError: if there is none of that name, or the bundle is damaged.
+        """
+        entry = self.entry(name)
+        return self._once("models", name, lambda bundle: self._model(bundle, entry))
+
+    def texture_names(self, kind: str | None = None) -> tuple[str, ...]:
+        """Names of the textures, all or of one kind, sorted."""
+        return tuple(sorted(name for name, entry in self._textures.items() if kind in (None, entry.kind)))
+
+    def texture_entry(self, name: str) -> TextureEntry:
+        """What the index says of a texture."""
+        return self._known(self._textures, name, "texture")
+
+    def texture(self, name: str) -> Texture:
+        """A texture; read on the first call, and one object however many models share it.
+
+        Raises:
+            InputError: if there is none of that name, or the bundle is damaged.
+        """
+        self.texture_entry(name)
+        return self._once("textures", name, lambda bundle: _texture_of(name, bundle.read("textures", name)))
+
+    def array_names(self) -> tuple[str, ...]:
+        """Names of the sets of arrays, sorted."""
+        return tuple(sorted(self._arrays))
+
+    def arrays(self, name: str) -> Arrays:
+        """A set of arrays by name, read-only; read on the first call.
+
+        Raises:
+            InputError: if there is none of that name, or the bundle is damaged.
+        """
+        self._known(self._arrays, name, "set of arrays")
+        return self._once("arrays", name, lambda bundle: _read_only(arrays_of(bundle.read("arrays", name))))
+
+    def attribution(self) -> str:
+        """Title, author, licence and package of every asset, one a line, as Markdown."""
+        sources = {
+            **{f"model {name}": entry.source for name, entry in self._models.items()},
+            **{f"texture {name}": entry.source for name, entry in self._textures.items()},
+            **{f"arrays {name}": source for name, source in self._arrays.items()},
+        }
+        return "".join(f"- {what}: {_line(source)}\n" for what, source in sorted(sources.items()))
+
+    def _own(self, part: str, name: str, bundle: Bundle) -> None:
+        if (part, name) in self._bundles:
+            raise ValueError(f"{name} is in {self._bundles[part, name].path.name} and in {bundle.path.name}")
+        self._bundles[part, name] = bundle
+
+    def _known(self, entries: Mapping[str, T], name: str, what: str) -> T:
+        if name not in entries:
+            some = ", ".join(sorted(entries)[:5])
+            raise InputError(f"expected the name of a {what} in {self._folder} ({some}, ...), got '{name}'")
+        return entries[name]
+
+    def _once(self, part: str, name: str, read: Callable[[Bundle], T]) -> T:
+        if (part, name) not in self._kept:
+            bundle = self._bundles[part, name]
+            try:
+                self._kept[part, name] = read(bundle)
+            except DAMAGE as error:
+                raise InputError(f"{bundle.path}: {part}/{name} is damaged ({error}); {AGAIN}") from error
+        kept: T = self._kept[part, name]
+        return kept
+
+    def _model(self, bundle: Bundle, entry: ModelEntry) -> Model:
+        arrays = arrays_of(bundle.read("models", entry.name))
+        indices = bundle.index["models"][entry.name]["meshes"]
+        return Model(entry.name, tuple(self._mesh(arrays, k, entry, mesh) for k, mesh in enumerate(indices)))
+
+    def _mesh(self, arrays: Arrays, k: int, entry: ModelEntry, index: Mapping[str, Any]) -> Mesh:
+        return Mesh(
+            unquantised(arrays[f"{k}.xyz"], entry.low_m, entry.high_m),
+            unpacked_normals(arrays[f"{k}.normals"]),
+            unquantised(arrays[f"{k}.uv"], index["uv_low"], index["uv_high"]),
+            np.cumsum(arrays[f"{k}.faces"], dtype=np.int64).astype(np.uint32).reshape(-1, 3),
+            self._material(index["material"]),
+        )
+
+    def _material(self, index: Mapping[str, Any]) -> Material:
+        r, g, b = (float(value) for value in index["color"])
+        return Material(
+            (r, g, b),
+            self.texture(index["texture"]) if index["texture"] else None,
+            bool(index["cutout"]),
+            float(index["translucency"]),
+            float(index["specular"]),
+            float(index["roughness"]),
+        )
+
+
+def open_assets(folder: str | Path | None = None) -> Assets:
+    """Open the bundles of garden assets.
+
+    Args:
+        folder: of the bundles. Default: the environment variable SWARDMAP_GARDEN_ASSETS, else the installed
+            package swardmap-garden-assets, else the folder `garden_assets` of a source checkout.
+
+    Raises:
+        MissingExtraError: if there are none, with the command that installs them.
+        InputError: if a bundle is damaged, or no bundle.
+    """
+    place = Path(folder) if folder is not None else _find()
+    paths = sorted(place.glob("*.zip")) if place.is_dir() else []
+    if not paths:
+        raise MissingExtraError(f"{place}: expected a folder with bundles (*.zip), found none. {INSTALL}")
+    bundles = [open_bundle(path) for path in paths]
+    try:
+        return Assets(place, bundles)
+    except DAMAGE as error:
+        raise InputError(f"{place}: expected bundles that fit together ({error!r}); {AGAIN}") from error
+
+
+def _find() -> Path:
+    """Folder of the bundles, by the rules of `open_assets`."""
+    if named := os.environ.get(VARIABLE):
+        return Path(named)
+    spec = importlib.util.find_spec(MODULE)
+    if spec is not None and spec.submodule_search_locations:
+        return Path(next(iter(spec.submodule_search_locations)))
+    checkout = Path(__file__).parents[3] / "garden_assets" / MODULE
+    if checkout.is_dir():
+        return checkout
+    raise MissingExtraError(f"The garden assets are not installed. {INSTALL}")
+
+
+def _model_entry(name: str, entry: Mapping[str, Any]) -> ModelEntry:
+    low, high = ((float(x), float(y), float(z)) for x, y, z in (entry["low_m"], entry["high_m"]))
+    source, tags = Source(**entry["source"]), tuple(str(tag) for tag in entry["tags"])
+    return ModelEntry(
+        name, str(entry["kind"]), low, high, int(entry["triangles"]), source,
+        str(entry["pose"]), float(entry["seat_m"]), tags,
+    )  # fmt: skip
+
+
+def _texture_entry(name: str, entry: Mapping[str, Any]) -> TextureEntry:
+    width, height = (float(value) for value in entry["tile_m"])
+    return TextureEntry(name, str(entry["kind"]), (width, height), Source(**entry["source"]))
+
+
+def _texture_of(name: str, content: bytes) -> Texture:
+    image = decode(content, name)
+    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[0] * image.shape[1] > MAX_TEXTURE_PIXELS:
+        raise ValueError(f"expected 8-bit colours, at most {MAX_TEXTURE_PIXELS} pixels, got {image.shape}")
+    rgba = np.full((*image.shape[:2], 4), 255, np.uint8)
+    rgba[..., :3] = image[..., 2::-1]
+    if image.shape[2] == 4:
+        rgba[..., 3] = image[..., 3]
+    return Texture(name, rgba)
+
+
+def _read_only(arrays: dict[str, NDArray[Any]]) -> Arrays:
+    for array in arrays.values():
+        array.flags.writeable = False
+    return MappingProxyType(arrays)
+
+
+def _line(source: Source) -> str:
+    changes = f"; {source.changes}" if source.changes else ""
+    return f"'{source.title}' by {source.author}, {source.licence}, from {source.package}{changes}"
