@@ -33,6 +33,7 @@ CORE = (
     "rig",
     "travel",
     "health",
+    "camera_watch",
     "watchdog",
     "freshness",
 )

@@ -133,6 +133,11 @@ class FrameStats:
     upside_down: bool | None = None
 
 
+def in_ns(seconds: float) -> int:
+    """Whole nanoseconds of seconds."""
+    return round(seconds * 1e9)
+
+
 def frame_stats(frame: Frame, arrival_ns: int, T_base_camera: Pose | None = None) -> FrameStats:
     """Statistics of a frame, from every 4th row and column.
 
@@ -181,13 +186,13 @@ def is_upside_down(
     )  # metres down, a metre of depth
     height_m = float(T_base_camera.position_m[2])
     ground_m = np.where(fall > 1e-3, height_m / np.maximum(fall, 1e-3), np.inf)
-    readings = np.count_nonzero(np.isfinite(depth_m))
+    readings = int(np.count_nonzero(np.isfinite(depth_m)))
     if readings == 0:
         return False
 
     def share(depth: NDArray[np.float32]) -> float:
         near = np.abs(depth - ground_m) <= GROUND_TOLERANCE * depth  # NaN compares false
-        return float(np.count_nonzero(near)) / readings
+        return int(np.count_nonzero(near)) / readings
 
     turned = max(share(depth_m[::-1, ::-1]), share(depth_m[::-1]))
     return turned >= MIN_GROUND_SHARE and turned > 2 * share(depth_m)
