@@ -1,0 +1,117 @@
+"""The point clouds that the node publishes, as fields of sensor_msgs/PointCloud2; ROS is not needed."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swardmap.cloud import consistent_depth, crop_range
+from swardmap.config import CloudConfig
+from swardmap.geometry import Pose, deproject, transform_points
+from swardmap.io.ros_fields import Fields, point_cloud_fields
+from swardmap.labels import VOID_ID, LabelSet, MapClass
+from swardmap.pipeline import StepResult
+from swardmap.types import Frame, Segmentation
+
+ABOVE_GROUND_M = 0.1
+"""Where the obstacle cloud puts what depth alone has marked: within the heights of any obstacle layer."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FramePoints:
+    """The points of a frame, pixel by pixel; what the clouds of a frame are made of.
+
+    Attributes:
+        xyz: (H * W, 3) float32 in the optical frame, NaN = no reading.
+        labels: (H * W,) uint8 ids of `label_set`.
+        kept: (H * W,) bool, in range, consistent with its neighbours, within the map's height limits.
+        size: (H, W).
+        label_set: what the ids mean.
+    """
+
+    xyz: NDArray[np.float32]
+    labels: NDArray[np.uint8]
+    kept: NDArray[np.bool_]
+    size: tuple[int, int]
+    label_set: LabelSet
+
+
+def frame_points(
+    frame: Frame, segmentation: Segmentation, T_map_camera: Pose, config: CloudConfig
+) -> FramePoints:
+    """Points of a frame as the map takes them.
+
+    Args:
+        frame: aligned images.
+        segmentation: its mask.
+        T_map_camera: pose, for the height limits.
+        config: limits.
+    """
+    depth_m = crop_range(frame.depth_m, config.min_range_m, config.max_range_m)
+    depth_m = consistent_depth(
+        depth_m, config.consistent_neighbours, config.consistency_relative, config.consistency_m
+    )
+    xyz = deproject(depth_m, frame.intrinsics).reshape(-1, 3)
+    labels = segmentation.resized_to(*depth_m.shape).labels.reshape(-1)
+    z = transform_points(xyz, T_map_camera)[:, 2]
+    with np.errstate(invalid="ignore"):
+        kept = (z >= np.float32(config.min_height_m)) & (z <= np.float32(config.max_height_m))
+    return FramePoints(xyz, labels, kept, frame.depth.shape, segmentation.label_set)
+
+
+def labelled_cloud_fields(
+    points: FramePoints, stamp_ns: int, frame_id: str, organised: bool = False
+) -> Fields:
+    """sensor_msgs/PointCloud2, x y z label, of the points that the map is made of, in the optical frame.
+
+    Nav2's layers take the sensor's place from the cloud's frame, so it is not that of the map.
+
+    Args:
+        points: of the frame.
+        stamp_ns: of the colour image.
+        frame_id: its optical frame.
+        organised: one point a pixel, NaN where there is none (label 255); else only the points.
+    """
+    kept = points.kept
+    if not organised:
+        return point_cloud_fields(points.xyz[kept], points.labels[kept], stamp_ns, frame_id)
+    xyz = np.where(kept[:, None], points.xyz, np.float32(np.nan))
+    labels = np.where(kept, points.labels, np.uint8(VOID_ID))
+    fields = point_cloud_fields(xyz, labels, stamp_ns, frame_id)
+    height, width = points.size
+    return fields | {"height": height, "width": width, "row_step": width * fields["point_step"]}
+
+
+def obstacle_cloud_fields(
+    points: FramePoints, stamp_ns: int, frame_id: str, others_m: NDArray[np.float32] | None = None
+) -> Fields:
+    """The points of obstacles and persons alone, laid out as in `labelled_cloud_fields`.
+
+    Args:
+        points: of the frame.
+        stamp_ns: of the colour image.
+        frame_id: its optical frame.
+        others_m: (N, 3) float32 points in the optical frame of obstacles that the network did not name; they
+            get the id of its first obstacle class.
+    """
+    table = points.label_set.map_class_table
+    hazard = points.kept & (table[points.labels] >= MapClass.OBSTACLE)
+    xyz, labels = points.xyz[hazard], points.labels[hazard]
+    if others_m is not None and len(others_m):
+        named = np.flatnonzero(table == MapClass.OBSTACLE)
+        label = named[0] if len(named) else VOID_ID
+        xyz = np.concatenate([xyz, others_m])
+        labels = np.concatenate([labels, np.full(len(others_m), label, np.uint8)])
+    return point_cloud_fields(xyz, labels, stamp_ns, frame_id)
+
+
+def marked_by_depth_m(step: StepResult) -> NDArray[np.float32]:
+    """(N, 3) float32 in the optical frame: cells that depth alone marks, a little over the ground."""
+    by_depth = step.by_geometry
+    if by_depth is None or step.geometry is None or not by_depth.any():
+        return np.zeros((0, 3), np.float32)
+    rows, columns = np.nonzero(by_depth)
+    xy = step.seen.spec.center_of(np.stack([columns, rows], axis=-1))
+    ground = np.nan_to_num(step.geometry.ground_m[rows, columns])
+    xyz = np.concatenate([xy, ground[:, None] + ABOVE_GROUND_M], axis=-1)
+    return step.T_map_camera.inverse().apply(xyz).astype(np.float32)

@@ -1,0 +1,142 @@
+"""Clouds against the cloud that the map is made of, and against the depth image."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.typesys import Stores, get_typestore
+
+from swardmap.config import Config, config_from_dict
+from swardmap.geometry import Intrinsics, Pose, deproject
+from swardmap.io.ros_fields import rosbags_message
+from swardmap.labels import MapClass
+from swardmap.models.oracle import open_segmenter
+from swardmap.pipeline import ObstacleMapper, StepResult
+from swardmap.ros.clouds import (
+    ABOVE_GROUND_M,
+    FramePoints,
+    frame_points,
+    labelled_cloud_fields,
+    marked_by_depth_m,
+    obstacle_cloud_fields,
+)
+from swardmap.synth.analytic import garden_scene, lane_poses, render
+from swardmap.types import Frame, Segmentation
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+CLOUD = "sensor_msgs/msg/PointCloud2"
+SMALL = Intrinsics(80, 60, 57.5, 57.5, 39.5, 29.5)
+
+
+def garden_step(config: Config) -> StepResult:
+    frame = render(garden_scene(0), SMALL, lane_poses(1)[0])
+    return ObstacleMapper(open_segmenter(config.segmenter, frame.label_set), config).step(frame)
+
+
+def points_of(step: StepResult, config: Config) -> FramePoints:
+    return frame_points(step.frame, step.segmentation, step.T_map_camera, config.cloud)
+
+
+def read(fields: dict[str, Any]) -> tuple[Any, Any, Any]:
+    """xyz and labels by the offsets that the message itself gives, after a way through CDR."""
+    data = STORE.serialize_cdr(rosbags_message(STORE, CLOUD, fields), CLOUD)
+    message: Any = STORE.deserialize_cdr(data, CLOUD)
+    count = message.width * message.height
+    assert message.row_step == message.width * message.point_step
+    assert len(message.data) == message.row_step * message.height
+    rows = message.data.reshape(count, message.point_step)
+    columns = {
+        f.name: np.ascontiguousarray(rows[:, f.offset : f.offset + 4]).view(
+            "<u4" if f.datatype == 6 else "<f4"
+        )
+        for f in message.fields
+    }
+    xyz = np.concatenate([columns[axis] for axis in "xyz"], axis=1)
+    return message, xyz, columns["label"][:, 0]
+
+
+def test_the_cloud_is_the_one_the_map_is_made_of() -> None:
+    config = Config()
+    step = garden_step(config)
+    message, xyz, labels = read(labelled_cloud_fields(points_of(step, config), 5, "optical"))
+    assert (message.height, message.header.frame_id, message.is_dense) == (1, "optical", True)
+    expected = step.cloud(config)  # in the map frame, by the pipeline's own functions
+    assert len(xyz) == len(expected) > 1000
+    T = Pose(step.T_map_camera.parent, "optical", step.T_map_camera.matrix)
+    np.testing.assert_allclose(T.apply(xyz), expected.xyz, atol=1e-5)
+    np.testing.assert_array_equal(labels, expected.labels)
+
+
+def test_an_organised_cloud_has_one_point_a_pixel() -> None:
+    config = Config()
+    step = garden_step(config)
+    message, xyz, labels = read(labelled_cloud_fields(points_of(step, config), 5, "optical", organised=True))
+    assert (message.height, message.width, message.is_dense) == (60, 80, False)
+    seen = np.isfinite(xyz).all(axis=1)
+    of_pixels = deproject(step.frame.depth_m, SMALL).reshape(-1, 3)
+    np.testing.assert_array_equal(xyz[seen], of_pixels[seen])
+    assert (labels[~seen] == 255).all()
+    np.testing.assert_array_equal(labels[seen], step.segmentation.labels.reshape(-1)[seen])
+    assert seen.sum() == len(step.cloud(config))
+
+
+def test_obstacle_points_fall_into_the_obstacle_cells_and_into_all_of_them() -> None:
+    config = config_from_dict({"grid": {"min_points": 1}})
+    step = garden_step(config)
+    _, xyz, _ = read(obstacle_cloud_fields(points_of(step, config), 5, "optical"))
+    in_map = Pose("map", "optical", step.T_map_camera.matrix).apply(xyz)
+    cells = step.seen.spec.cell_of(in_map[:, :2])
+    hit = np.zeros(step.seen.spec.shape, bool)
+    hit[cells[:, 1], cells[:, 0]] = True
+    different = hit != step.seen.is_obstacle
+    assert step.seen.is_obstacle.sum() > 50
+    assert different.sum() <= 2  # a point on the very border of a cell, by float32 in another order
+
+
+def test_what_depth_alone_marks_is_in_the_obstacle_cloud(
+    flat_lawn: tuple[Frame, Segmentation],
+) -> None:
+    config = config_from_dict({"geometry": {"enabled": True}})
+    frame = render(garden_scene(0), SMALL, lane_poses(1)[0])
+    blind = replace(frame, labels=np.ones_like(frame.labels))  # the network calls everything grass
+
+    step = ObstacleMapper(open_segmenter(config.segmenter, frame.label_set), config).step(blind)
+    assert step.by_geometry is not None
+    assert step.by_geometry.sum() > 20
+    fields = obstacle_cloud_fields(points_of(step, config), 5, "optical", marked_by_depth_m(step))
+    _, xyz, labels = read(fields)
+    assert len(xyz) == step.by_geometry.sum()
+    in_map = Pose("map", "optical", step.T_map_camera.matrix).apply(xyz)
+    cells = step.seen.spec.cell_of(in_map[:, :2])
+    assert step.by_geometry[cells[:, 1], cells[:, 0]].all()
+    assert step.geometry is not None
+    over_ground = in_map[:, 2] - step.geometry.ground_m[cells[:, 1], cells[:, 0]]
+    np.testing.assert_allclose(over_ground, ABOVE_GROUND_M, atol=1e-4)
+    assert (in_map[:, 2] < config.cloud.max_height_m).all()
+    table = step.segmentation.label_set.map_class_table
+    assert (table[labels] == MapClass.OBSTACLE).all()
+
+
+def test_without_geometry_nothing_is_added() -> None:
+    assert marked_by_depth_m(garden_step(Config())).shape == (0, 3)
+
+
+def test_a_frame_without_a_reading_gives_empty_clouds(flat_lawn: tuple[Frame, Segmentation]) -> None:
+    frame, segmentation = flat_lawn
+    empty = replace(frame, depth=np.zeros_like(frame.depth))
+    assert frame.T_map_camera is not None
+    points = frame_points(empty, segmentation, frame.T_map_camera, Config().cloud)
+    for fields in (labelled_cloud_fields(points, 0, "c"), obstacle_cloud_fields(points, 0, "c")):
+        message, xyz, _ = read(fields)
+        assert message.width == len(xyz) == 0
+
+
+@pytest.mark.parametrize("organised", [False, True])
+def test_heights_are_those_of_the_map(flat_lawn: tuple[Frame, Segmentation], organised: bool) -> None:
+    frame, segmentation = flat_lawn
+    config = config_from_dict({"cloud": {"min_height_m": 0.5}})
+    assert frame.T_map_camera is not None
+    points = frame_points(frame, segmentation, frame.T_map_camera, config.cloud)
+    _, xyz, _ = read(labelled_cloud_fields(points, 0, "c", organised))
+    assert not np.isfinite(xyz).any()  # the lawn lies at z = 0
