@@ -50,6 +50,10 @@ HEAVY = (
     "yaml",
     "sklearn",
     "ray",
+    "rclpy",
+    "moderngl",
+    "rerun",
+    "pyproj",
 )
 
 
