@@ -36,7 +36,8 @@ STEPS = 65535
 AGAIN = "install the garden assets again: pip install --force-reinstall ./garden_assets"
 DAMAGE = (
     ValueError, KeyError, TypeError, IndexError, AttributeError, OSError, EOFError, MemoryError,
-    OverflowError, RuntimeError, NotImplementedError, zipfile.BadZipFile, zlib.error, lzma.LZMAError, InputError,
+    OverflowError, RuntimeError, NotImplementedError, zipfile.BadZipFile, zlib.error, lzma.LZMAError,
+    InputError,
 )  # fmt: skip
 """What a damaged bundle can raise, of which we make one clear error."""
 
