@@ -1,0 +1,205 @@
+"""All settings of the garden: rig, camera, depth sensor, maps; ranges are drawn from once a sequence.
+
+Order of precedence: defaults < file (`--config`) < command line (`--set camera.jpeg_quality=[80,95]`).
+"""
+
+import dataclasses
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, fields
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+from swardmap.errors import ConfigError
+from swardmap.settings import Checked, build, setting, yaml_lines
+
+
+def span(low: float, high: float, about: str, minimum: float | None = None) -> Any:
+    """Declare a range that a number is drawn from, once a sequence."""
+    limits = {"about": about, "minimum": None, "maximum": None, "choices": None, "lowest": minimum}
+    return field(default=(low, high), metadata=limits)
+
+
+class CheckedRanges(Checked):
+    """Checks ranges too: in order, and not below what they may be."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for f in fields(self):  # type: ignore[arg-type]
+            value, lowest = getattr(self, f.name), f.metadata.get("lowest")
+            if not isinstance(value, tuple):
+                continue
+            name = f"{type(self).__name__}.{f.name}"
+            if value[0] > value[1]:
+                raise ConfigError(f"{name}: expected [low, high], got {list(value)}")
+            if lowest is not None and value[0] < lowest:
+                raise ConfigError(f"{name}: expected at least {lowest:g}, got {value[0]:g}")
+
+
+@dataclass(frozen=True)
+class RigConfig(CheckedRanges):
+    """The camera on the mower."""
+
+    width: int = setting(640, "of the image in pixels", minimum=32, maximum=4096)
+    height: int = setting(480, "of the image in pixels", minimum=32, maximum=4096)
+    focal_share: tuple[float, float] = span(
+        0.68, 0.76, "focal length by image width; 0.72 sees 70 degrees across", 0.2
+    )
+    samples: int = setting(4, "anti-aliasing: samples a pixel", minimum=1, maximum=16)
+    rate_hz: float = setting(5.0, "frames a second", minimum=0.1, maximum=60)
+
+
+@dataclass(frozen=True)
+class CameraConfig(CheckedRanges):
+    """What optics, sensor and processing do to the colour image."""
+
+    faults: bool = setting(True, "false: a clean picture, exposed well")
+    exposure_ev: tuple[float, float] = span(
+        -1.0, 1.0, "error of the exposure in stops; the middle is likeliest"
+    )
+    white_balance: tuple[float, float] = span(
+        -0.1, 0.1, "error of the white balance: log of red against blue"
+    )
+    tint: tuple[float, float] = span(-0.03, 0.03, "error of the white balance: log of green against the rest")
+    saturation: tuple[float, float] = span(0.85, 1.05, "of colours", 0.0)
+    contrast: tuple[float, float] = span(-0.05, 0.35, "of the tone curve; 0 = plain sRGB")
+    knee: tuple[float, float] = span(0.55, 0.85, "from here on highlights are compressed, 0..1", 0.05)
+    vignetting: tuple[float, float] = span(0.0, 0.35, "light lost in the corners, 0..1", 0.0)
+    dirt: tuple[float, float] = span(-2.0, 4.0, "specks of dirt on the lens, their number; below 0.5 none")
+    raindrops: tuple[float, float] = span(-12.0, 4.0, "drops on the lens, their number; below 0.5 none")
+    veil: tuple[float, float] = span(0.0, 0.05, "stray light, as share of the mean", 0.0)
+    shot_noise: tuple[float, float] = span(0.004, 0.018, "standard deviation at full signal in daylight", 0.0)
+    read_noise: tuple[float, float] = span(0.0004, 0.002, "standard deviation in the dark in daylight", 0.0)
+    softness_px: tuple[float, float] = span(0.3, 0.7, "blur of lens and demosaicing, sigma", 0.0)
+    aberration: tuple[float, float] = span(
+        0.0, 0.0008, "difference in size of the red and the blue image", 0.0
+    )
+    blur_share: float = setting(0.3, "share of the frames with motion blur", minimum=0, maximum=1)
+    shutter_s: tuple[float, float] = span(0.004, 0.03, "exposure time of frames with motion blur", 0.0)
+    blur_steps: int = setting(4, "pictures averaged for motion blur", minimum=2, maximum=16)
+    jpeg_quality: tuple[float, float] = span(70.0, 98.0, "1..100; 0 = no compression", 0.0)
+
+
+@dataclass(frozen=True)
+class StereoConfig(CheckedRanges):
+    """The depth sensor, like a D435i; docs/garden.md has the sources."""
+
+    enabled: bool = setting(True, "false: depth of the folder layout is exact")
+    baseline_m: float = setting(0.05, "between the imagers", minimum=0.001)
+    focal_px: float = setting(424.0, "of the infrared imagers at 848 x 480, 90 degrees", minimum=1)
+    subpixel_px: tuple[float, float] = span(
+        0.05, 0.12, "noise of the disparity on well textured surfaces", 0.0
+    )
+    step_px: float = setting(1 / 32, "smallest step of the disparity", minimum=1e-4)
+    scale_error: tuple[float, float] = span(-0.01, 0.01, "error of the calibration: share of the depth")
+    offset_px: tuple[float, float] = span(-0.02, 0.02, "error of the calibration: of the disparity")
+    window_px: int = setting(7, "edge of the matching window", minimum=1, maximum=31)
+    fattening: float = setting(
+        0.35, "share of the window a near surface needs to win; lower = fatter", minimum=0.05, maximum=0.95
+    )
+    edge_px: float = setting(1.0, "range of disparities in a window that is an edge", minimum=0.01)
+    flying: tuple[float, float] = span(
+        0.05, 0.25, "share of edge pixels that float between front and back", 0.0
+    )
+    dropout: tuple[float, float] = span(0.0, 0.04, "share of well textured pixels in holes", 0.0)
+    heavy_loss_share: float = setting(0.1, "share of the frames that lose far more", minimum=0, maximum=1)
+    heavy_dropout: tuple[float, float] = span(0.08, 0.25, "share of pixels in holes in such a frame", 0.0)
+    blank_dropout: float = setting(0.7, "share of holes where there is no texture", minimum=0, maximum=1)
+    texture_full: float = setting(0.03, "local contrast, 0..1, from which on noise is least", minimum=1e-4)
+    dark: float = setting(0.03, "grey below it (0..1) gives holes", minimum=0, maximum=1)
+    saturated: float = setting(0.985, "grey above it (0..1) gives holes", minimum=0, maximum=1)
+    min_m: float = setting(0.28, "nearest reading", minimum=0)
+    max_m: float = setting(10.0, "farthest reading", minimum=0.1, maximum=65)
+    speckle_px: int = setting(40, "islands of fewer pixels are removed; 0 = none", minimum=0)
+
+
+@dataclass(frozen=True)
+class MapConfig(Checked):
+    """The reference maps."""
+
+    enabled: bool = setting(True, "write a map of each scene and each frame")
+    resolution_m: float = setting(0.05, "edge of a cell", minimum=0.005, maximum=1)
+    max_height_m: float = setting(2.0, "what hangs higher above the ground is driven under", minimum=0.1)
+    min_height_m: float = setting(0.01, "what is flatter is driven over", minimum=0)
+    range_m: float = setting(8.0, "a frame's map ends at this depth", minimum=0.5)
+
+
+@dataclass(frozen=True)
+class SynthConfig(Checked):
+    """The whole tree."""
+
+    rig: RigConfig = field(default_factory=RigConfig)
+    camera: CameraConfig = field(default_factory=CameraConfig)
+    stereo: StereoConfig = field(default_factory=StereoConfig)
+    map: MapConfig = field(default_factory=MapConfig)
+
+
+def load_synth_config(file: Path | None = None, overrides: Iterable[str] = ()) -> SynthConfig:
+    """Build the configuration: defaults < file < overrides (`section.key=value`, values in YAML).
+
+    Raises:
+        ConfigError: for an unknown key, a wrong type, or a value out of range.
+    """
+    import yaml
+
+    tree: dict[str, Any] = {}
+    if file is not None:
+        try:
+            tree = yaml.safe_load(file.read_text(encoding="utf-8")) or {}
+        except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
+            raise ConfigError(f"cannot read {file}: {' '.join(str(error).split())}") from error
+        if not isinstance(tree, dict) or not all(isinstance(v, dict) for v in tree.values()):
+            raise ConfigError(f"{file}: expected the sections {', '.join(_sections())} with keys")
+    for override in overrides:
+        key, sign, text = override.partition("=")
+        section, dot, name = key.strip().partition(".")
+        if not sign or not dot:
+            raise ConfigError(f"expected section.key=value, got '{override}'")
+        try:
+            tree[section] = {**tree.get(section, {}), name: yaml.safe_load(text)}
+        except (yaml.YAMLError, ValueError, RecursionError) as error:
+            raise ConfigError(f"{key}: expected a value in YAML, got '{text}'") from error
+    return synth_config_from_dict(tree)
+
+
+def synth_config_from_dict(tree: Mapping[str, Any]) -> SynthConfig:
+    """Build it from a nested dict with any part of the tree.
+
+    Raises:
+        ConfigError: for an unknown key (with the nearest known one), a wrong type, a value out of range.
+    """
+    built = build(SynthConfig, tree)
+    assert isinstance(built, SynthConfig)  # noqa: S101 - narrows the type
+    return built
+
+
+def synth_config_to_dict(config: SynthConfig) -> dict[str, dict[str, Any]]:
+    """The tree as plain dicts, lists, strings and numbers."""
+    plain: dict[str, dict[str, Any]] = dataclasses.asdict(config, dict_factory=_plain_dict)
+    return plain
+
+
+def synth_config_yaml(config: SynthConfig) -> str:
+    """The tree as YAML, each setting with what it is for."""
+    lines: list[str] = []
+    for f in fields(config):
+        section = getattr(config, f.name)
+        lines += ["", f"# {type(section).__doc__}", f"{f.name}:"]
+        for inner in fields(section):
+            lines += yaml_lines(inner, getattr(section, inner.name), "  ")
+    return "\n".join(lines).strip() + "\n"
+
+
+def digest(plain: Mapping[str, Any]) -> str:
+    """16 hex digits that tell settings apart."""
+    import json
+
+    return sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _plain_dict(items: list[tuple[str, Any]]) -> dict[str, Any]:
+    return {key: list(value) if isinstance(value, tuple) else value for key, value in items}
+
+
+def _sections() -> tuple[str, ...]:
+    return tuple(f.name for f in fields(SynthConfig))
