@@ -151,22 +151,20 @@ def _mapped(
 ) -> MapRun:
     from swardmap.models import build_segmenter
 
-    source = open_source(recording, config.source) if isinstance(recording, (str, Path)) else recording
+    source = recording
+    if isinstance(source, (str, Path)):
+        source = open_source(source, config.source, config.camera)
     segmenter = segmenter or build_segmenter(config.segmenter, source.label_set)
     writer = None
     if folder is not None:
         from swardmap.io.run_files import RunWriter
 
         writer = RunWriter(folder, config, source.frame_count)
-    frames = iter(source)
-    first = next(frames, None)
-    if first is None:
-        raise InputError(f"{source.name} holds no frame that can be mapped{_reasons(source)}")
     mapper = ObstacleMapper(segmenter, config, configured_mount(config.mount))
     mount = {"source": "poses of the recording" if mapper.T_base_camera is None else "configured"}
     totals, interrupted = RunTotals(), False
     try:
-        for step in mapper.run(_mounted(_chain(first, frames), mapper, mount)):
+        for step in map_steps(source, mapper, mount):
             totals.add(step)
             if writer is not None:
                 writer.add(step, mapper)
@@ -186,6 +184,27 @@ def _mapped(
     if interrupted:
         raise _InterruptedError(run)
     return run
+
+
+def map_steps(
+    source: FrameSource, mapper: ObstacleMapper, mount: dict[str, str] | None = None
+) -> Iterator[StepResult]:
+    """Map the frames of a source one by one, as `map_recording` does.
+
+    Args:
+        source: open, in order of time.
+        mapper: gets the mount measured from the first frame without a pose, where none is configured.
+        mount: takes under `source` where the mount came from.
+
+    Raises:
+        InputError: if there is no frame, or frames with poses are of more than one scene.
+    """
+    frames = iter(source)
+    first = next(frames, None)
+    if first is None:
+        raise InputError(f"{source.name} holds no frame that can be mapped{_reasons(source)}")
+    mount = {} if mount is None else mount
+    return mapper.run(_mounted(_chain(first, frames), mapper, mount))
 
 
 def _chain(first: Frame, rest: Iterator[Frame]) -> Iterator[Frame]:

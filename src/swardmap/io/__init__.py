@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
-from swardmap.config import SourceConfig
+from swardmap.config import CameraConfig, SourceConfig
 from swardmap.errors import InputError, SwardmapError
 from swardmap.labels import LabelSet
 from swardmap.types import Frame
@@ -61,17 +61,43 @@ SOURCES: Mapping[str, str] = {
 """Kinds of source and the module that reads each; asked in this order."""
 
 
-def open_source(location: str | Path, config: SourceConfig | None = None) -> FrameSource:
-    """Open a recording, whatever kind it is.
+class LiveModule(Protocol):
+    """What a module named in LIVE offers."""
+
+    @staticmethod
+    def open_live(address: str, source: SourceConfig, camera: CameraConfig) -> FrameSource:
+        """Open the camera at `address` (empty: the only one), or raise InputError."""
+
+
+LIVE: Mapping[str, str] = {"realsense": "swardmap.io.realsense_live"}
+"""Kinds of live camera, named as `realsense:` or `realsense:ADDRESS`, and the module of each."""
+
+
+def is_live(location: str | Path) -> bool:
+    """Whether a location names a live camera, whose frames have no end."""
+    kind, colon, _ = str(location).partition(":")
+    return bool(colon) and kind in LIVE
+
+
+def open_source(
+    location: str | Path, config: SourceConfig | None = None, camera: CameraConfig | None = None
+) -> FrameSource:
+    """Open a recording, whatever kind it is, or a live camera.
 
     Args:
-        location: folder or file.
+        location: folder, file, or `realsense:`, `realsense:SERIAL`.
         config: how to read it; `config.format` names the kind where it cannot be recognised.
+        camera: how to run a live camera.
 
     Raises:
         InputError: if it does not exist, is of no known kind, or holds nothing.
+        MissingExtraError: if the camera's package is not installed.
     """
     config = config or SourceConfig()
+    if is_live(location):
+        kind, _, address = str(location).partition(":")
+        live: LiveModule = importlib.import_module(LIVE[kind])  # type: ignore[assignment]
+        return live.open_live(address, config, camera or CameraConfig())
     path = Path(location)
     try:
         if not path.exists():
