@@ -158,7 +158,9 @@ def _joints(kind: Surface, x: Float32Array, y: Float32Array, rng: np.random.Gene
     return np.where(joint, np.float32(0.55), tone.astype(np.float32))
 
 
-def _mixed(albedo: Float32Array, color: tuple[float, float, float], share: Float32Array) -> Float32Array:
+def _mixed(
+    albedo: Float32Array, color: tuple[float, float, float], share: NDArray[np.floating]
+) -> Float32Array:
     """Part of the way to a colour."""
     mixed: Float32Array = albedo + share[..., None].astype(np.float32) * (
         np.asarray(color, np.float32) - albedo

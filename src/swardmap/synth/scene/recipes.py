@@ -1,0 +1,88 @@
+"""What stands in gardens: how often, where, and how it is made."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from swardmap.labels import GRASS, OTHER, LabelClass
+from swardmap.synth.model import Model
+from swardmap.synth.scene import furniture, plants, smalls
+
+Maker = Callable[[np.random.Generator], Model]
+
+
+@dataclass(frozen=True, slots=True)
+class Recipe:
+    """One kind of thing.
+
+    Attributes:
+        kind: as in Thing.
+        where: a sort of site (see Sites.of).
+        mean: how many a lot of 500 square metres has on average; it grows with the root of the area.
+        make: a model by chance.
+        assets: kinds of the asset bundle that do as well.
+        room_m: free space around it.
+        upright: stands vertically however the ground lies; else it leans with the ground.
+        variants: different models in one garden.
+        scale: smallest and largest.
+        foot_m: only what is lower than this takes up ground (trees: the trunk).
+        label: of its pixels. Flowers and leaves of the lawn below 5 cm are grass.
+    """
+
+    kind: str
+    where: str
+    mean: float
+    make: Maker
+    assets: tuple[str, ...] = ()
+    room_m: float = 0.1
+    upright: bool = False
+    variants: int = 1
+    scale: tuple[float, float] = (1.0, 1.0)
+    foot_m: float = np.inf
+    label: LabelClass = OTHER
+
+
+RECIPES: tuple[Recipe, ...] = (
+    Recipe("tree", "lawn", 1.8, plants.tree, ("tree",), 1.3, True, 2, (0.85, 1.2), 0.5),
+    Recipe("tree", "bed", 1.0, plants.tree, ("tree",), 1.0, True, 2, (0.8, 1.1), 0.5),
+    Recipe("swing", "lawn", 0.3, furniture.play_frame, ("swing",), 0.4),
+    Recipe("trampoline", "lawn", 0.2, furniture.trampoline, ("trampoline",), 0.3),
+    Recipe("raised bed", "lawn", 0.5, plants.raised_bed, (), 0.3),
+    Recipe("washing line", "middle", 0.35, furniture.washing_line_post, (), 0.2, True),
+    Recipe("bench", "path", 0.7, furniture.bench, ("bench",), 0.15),
+    Recipe("table", "terrace", 0.6, furniture.table, ("table",), 0.15),
+    Recipe("table", "lawn", 0.3, furniture.table, ("table",), 0.3),
+    Recipe("chair", "terrace", 1.2, furniture.chair, ("chair",), 0.1),
+    Recipe("chair", "lawn", 0.6, furniture.chair, ("chair",), 0.1),
+    Recipe("trellis", "rim", 0.3, plants.trellis, (), 0.1, True),
+    Recipe("bin", "rim", 0.5, furniture.bin_or_barrel, ("bin", "barrel"), 0.1),
+    Recipe("wheelbarrow", "lawn", 0.35, furniture.wheelbarrow, ("wheelbarrow",)),
+    Recipe("shrub", "bed", 7.0, plants.shrub, ("shrub",), 0.0, False, 3, (0.7, 1.15)),
+    Recipe("shrub", "lawn", 1.6, plants.shrub, ("shrub",), 0.3, False, 2, (0.8, 1.15)),
+    Recipe("flowers", "bed", 4.0, plants.flowers, ("flowers",), 0.0, False, 2, (0.8, 1.2)),
+    Recipe("planter", "terrace", 0.4, furniture.planter, ("planter",)),
+    Recipe("flower pot", "terrace", 0.8, plants.flower_pot, ("flower pot",), 0.05, False, 2),
+    Recipe("flower pot", "lawn", 0.7, plants.flower_pot, ("flower pot",), 0.1, False, 2),
+    Recipe("pole", "lawn", 0.8, furniture.pole, (), 0.2, True),
+    Recipe("lamp post", "path", 0.5, furniture.lamp_post, ("lamp",), 0.1, True),
+    Recipe("sign", "lawn", 0.2, furniture.sign_board, (), 0.1, True),
+    Recipe("garden figure", "lawn", 0.6, smalls.garden_figure, ("figure",), 0.15),
+    Recipe("rock", "bed", 0.8, smalls.rock, ("rock",), 0.0, False, 2, (0.6, 1.2)),
+    Recipe("rock", "lawn", 0.9, smalls.rock, ("rock",), 0.1, False, 2, (0.5, 1.2)),
+    Recipe("stump", "lawn", 0.4, plants.stump, (), 0.2),
+    Recipe("log", "lawn", 0.3, plants.log, (), 0.2),
+    Recipe("test body", "middle", 0.45, smalls.iso_test_body, (), 0.3),
+    Recipe("animal", "lawn", 0.7, smalls.animal, ("animal",), 0.2),
+    Recipe("ball", "lawn", 1.3, smalls.ball, ("ball",), 0.1, False, 2),
+    Recipe("toy", "lawn", 1.2, smalls.toy, ("toy",), 0.1, False, 2),
+    Recipe("hose", "lawn", 0.5, smalls.hose, (), 0.1),
+    Recipe("tool", "lawn", 0.8, smalls.tool, ("tool",), 0.1),
+    Recipe("low object", "lawn", 1.8, smalls.low_object, ("low object",), 0.15, False, 2),
+    Recipe("twigs", "lawn", 0.7, smalls.bough, (), 0.05),
+)
+
+GRASSY: tuple[Recipe, ...] = (
+    Recipe("daisies", "lawn", 9.0, plants.daisies, (), 0.0, False, 2, (0.9, 1.1), label=GRASS),
+    Recipe("fallen leaves", "lawn", 7.0, plants.fallen_leaves, (), 0.0, False, 2, (0.9, 1.0), label=GRASS),
+)
