@@ -201,15 +201,18 @@ def test_the_clock_of_the_hardware_is_tied_to_the_computers() -> None:
 
 
 def test_an_image_of_another_size_is_left_out() -> None:
+    first_numbers = [0, 20]
+
     def feed(camera: SoftwareCamera) -> None:
-        for number in range(6):
+        start = first_numbers.pop(0)
+        for number in range(start, start + 6):
             camera.push(number, START_MS + number * PERIOD_MS, "dC" if number == 2 else "dc")
 
     source = live(feed, lambda: SoftwareCamera(also=intrinsics(25.0, size=(32, 24))))
     frames = first(source, 3)
-    assert all(frame.rgb.shape == (HEIGHT, WIDTH, 3) for frame in frames)
-    assert stamp(2) not in [frame.stamp_ns for frame in frames]
-    assert source.skipped.get(REASON_DAMAGED, 0) + source.skipped[REASON_COLOR] >= 1
+    numbers = [round((f.stamp_ns / 1e6 - START_MS) / PERIOD_MS) for f in frames]
+    assert numbers == [1, 21, 22]  # the SDK's syncer stops at such an image, so the camera is opened anew
+    assert source.skipped[REASON_DAMAGED] == 1
 
 
 def test_an_unplugged_camera_comes_back(caplog: pytest.LogCaptureFixture) -> None:
