@@ -36,6 +36,8 @@ CORE = (
     "camera_watch",
     "watchdog",
     "freshness",
+    "gps",
+    "work_area",
 )
 EDGES = ("io", "models", "eval", "synth", "train", "viz", "ros", "cli", "recording")
 HEAVY = (

@@ -279,11 +279,16 @@ class AreaConfig(Checked):
     datum_heading_deg: float = setting(
         0.0, "of the map's x axis, from east towards north (REP-103)", minimum=-360, maximum=360
     )
+    datum_alt_m: float = setting(
+        0.0, "height of the map's origin above the ellipsoid; counts for topocentric alone"
+    )
     projection: str = setting(
         "tmerc",
-        "tmerc: transverse Mercator at the datum; topocentric: plane that touches the earth there",
-        choices=("tmerc", "topocentric"),
+        "tmerc: transverse Mercator at the datum; topocentric: plane that touches the earth there; utm: "
+        "as navsat_transform_node without use_local_cartesian",
+        choices=("tmerc", "topocentric", "utm"),
     )
+    frame_id: str = setting("map", "frame of the poses, whose origin the datum is")
     keep_out_cost: int = setting(
         254, "cost of cells outside or excluded: 254 is lethal", minimum=1, maximum=254
     )

@@ -54,28 +54,35 @@ def build_costmap(
     Args:
         grid: the map.
         config: margins, radii, decay.
-        boundary: (height, width) uint8 costs of `boundary_layer`, or None.
+        boundary: (height, width) uint8 costs of `boundary_layer` or of a work area, or None. Free in it
+            says nothing; what is lethal is inflated without a margin.
 
     Returns:
         The costmap; unknown stays unknown unless something lethal or inscribed reaches it.
     """
     costs = obstacle_layer(grid)
     if boundary is not None:
-        costs = combine(costs, boundary, "max")
-    lethal, persons = costs == LETHAL, grid.classes == MapClass.PERSON
-    for seeds, margin_m in _seeds_by_margin(lethal, persons, config):
+        barred = np.where(boundary >= INSCRIBED, boundary, np.uint8(NO_INFORMATION))
+        dear = np.where((boundary > FREE) & (boundary < INSCRIBED), boundary, np.uint8(NO_INFORMATION))
+        # where the boundary is FREE it says nothing, and what may be driven on at a price must be known
+        costs = combine(combine(costs, barred, "max"), dear, "max_keep_unknown")
+    for seeds, margin_m in _seeds_by_margin(grid, costs == LETHAL, config):
         costs = inflate(costs, grid.spec, config, margin_m, seeds)
     return Costmap(grid.spec, costs, grid.stamp_ns)
 
 
 def _seeds_by_margin(
-    lethal: NDArray[np.bool_], persons: NDArray[np.bool_], config: CostmapConfig
+    grid: OccupancyGrid, lethal: NDArray[np.bool_], config: CostmapConfig
 ) -> list[tuple[NDArray[np.bool_], float]]:
-    """Cells to inflate, apart where persons have a margin of their own."""
+    """Cells to inflate, by margin: persons may have their own, and no camera measured a boundary."""
+    hazards, persons = grid.is_obstacle, grid.classes == MapClass.PERSON
     person_margin_m = config.margin_m if config.person_margin_m is None else config.person_margin_m
-    if person_margin_m == config.margin_m or not persons.any():
-        return [(lethal, config.margin_m)]
-    return [(persons, person_margin_m), (lethal & ~persons, config.margin_m)]
+    seeds = [(lethal & ~hazards, 0.0), (persons, person_margin_m), (hazards & ~persons, config.margin_m)]
+    merged: dict[float, NDArray[np.bool_]] = {}
+    for cells, margin_m in seeds:
+        if cells.any():
+            merged[margin_m] = merged[margin_m] | cells if margin_m in merged else cells
+    return [(cells, margin_m) for margin_m, cells in merged.items()]
 
 
 def obstacle_layer(grid: OccupancyGrid) -> NDArray[np.uint8]:
