@@ -54,8 +54,8 @@ def _line(
     things = []
     for k, pick in enumerate(rng.integers(0, len(models), count)):
         x, y = start + (end - start) * (k + 0.5) / count
-        foot = footprint_of(models[pick], (x, y), yaw)
-        narrow = Footprint(foot.center_m, (foot.half_m[0] - 0.03, foot.half_m[1]), yaw)
+        depth = footprint_of(models[pick], (0, 0), 0.0).half_m[1]
+        narrow = Footprint((float(x), float(y)), (length / count / 2 - 0.01, depth), yaw)  # pieces may touch
         if taken.gap_m(narrow) > 0.0 and not _on_a_way(ground, x, y):
             things.append(Thing(models[pick], kind, upright(ground, models[pick], (x, y), yaw)))
             taken.take(narrow)

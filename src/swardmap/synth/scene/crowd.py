@@ -8,7 +8,7 @@ from swardmap.labels import OTHER, PERSON, LabelClass
 from swardmap.synth.model import Actor, Float64Array, Ground, Material, Model, Thing
 from swardmap.synth.scene.areas import curve
 from swardmap.synth.scene.look import linear_of_hsv
-from swardmap.synth.scene.place import Occupancy, footprint_of, tilted, upright
+from swardmap.synth.scene.place import Footprint, Occupancy, footprint_of, tilted, upright
 from swardmap.synth.scene.sites import Sites, jittered
 from swardmap.synth.scene.smalls import animal
 from swardmap.synth.shapes import cylinder, ellipsoid, model_of, moved, placed, sphere, tube
@@ -92,8 +92,6 @@ def walkers(sites: Sites, ground: Ground, taken: Occupancy, rng: np.random.Gener
 
 def round_way(sites: Sites, taken: Occupancy, rng: np.random.Generator, room_m: float) -> Float64Array | None:
     """A closed smooth way on the lawn with room on both sides, or None where there is none."""
-    from swardmap.synth.scene.place import Footprint
-
     where = sites.of("lawn", room_m)
     for _ in range(30 if len(where) else 0):
         center = np.asarray(jittered(sites.xy[where[rng.integers(len(where))]], rng))

@@ -88,8 +88,9 @@ def _cover(
         surface[distance > -2 * texel] = area.surface  # the texture reaches under the lawn's edge
         field = np.maximum(field, distance)
     if look.bare > 0:
-        level = BARE_LEVEL + 0.9 * (1 - look.bare)
-        soil = (smooth_noise(shape, texel, 1.3, rng, 4) - np.float32(level)) * np.float32(0.25)
+        where = smooth_noise(shape, texel, 9, rng, 1)  # spots come in groups, most of the lawn has none
+        level = BARE_LEVEL + np.float32(0.5 * (1 - look.bare)) - np.clip(where - 1, -1.2, 0.6)
+        soil = (smooth_noise(shape, texel, 1.6, rng, 4) - level) * np.float32(0.3)
         surface[(soil > -0.05) & (field < -0.05)] = Surface.DIRT
         field = np.maximum(field, soil)
     return field, surface
