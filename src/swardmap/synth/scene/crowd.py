@@ -53,7 +53,7 @@ def people(
 ) -> list[Thing]:
     """0-5 people who keep their place: on the lawn, lying, and half behind things."""
     found = []
-    for _ in range(int(rng.choice([0, 1, 2, 3, 4, 5], p=(0.08, 0.17, 0.25, 0.25, 0.15, 0.1)))):
+    for _ in range(int(rng.choice([0, 1, 2, 3, 4, 5], p=(0.05, 0.17, 0.26, 0.26, 0.16, 0.1)))):
         pose = str(rng.choice(["standing", "crouching", "lying"], p=(0.6, 0.2, 0.2)))
         hidden = rng.random() < 0.25 and pose != "lying"
         model = figure(rng, pose)

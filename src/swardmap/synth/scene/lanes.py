@@ -94,7 +94,7 @@ def wander(clear: Clearance, start: Float64Array, length_m: float, rng: np.rando
         n x 3, as `to_and_fro`.
     """
     x, y, yaw = (float(v) for v in start)
-    bend, way = 0.0, [(x, y, yaw)]
+    bend, spin, way = 0.0, 0.0, [(x, y, yaw)]
     for _ in range(int(length_m / STEP_M) * 2):
         bend = float(np.clip(0.985 * bend + rng.normal(0, 0.06), -1.2, 1.2))
         look = np.array(
@@ -106,9 +106,10 @@ def wander(clear: Clearance, start: Float64Array, length_m: float, rng: np.rando
             turn += (1.6 if left >= right else -1.6) * (0.75 - ahead) / 0.5
         nx, ny = x + STEP_M * np.cos(yaw), y + STEP_M * np.sin(yaw)
         if clear.free(np.array([(nx, ny)]), THINGS_M, BORDER_M)[0]:
-            x, y, yaw = nx, ny, yaw + turn * STEP_M
+            x, y, yaw, spin = nx, ny, yaw + turn * STEP_M, 0.0
         else:
-            yaw += 0.03 if left >= right else -0.03
+            spin = spin or (0.03 if left >= right else -0.03)  # the same way round until it is free
+            yaw += spin
         way.append((x, y, yaw))
     return np.array(way)
 
