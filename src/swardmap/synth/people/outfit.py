@@ -40,7 +40,7 @@ class Cut:
 def cut_of(rng: np.random.Generator, body: Body) -> Cut:
     """What kind of clothes, by chance."""
     skirted = body.is_female and rng.random() < 0.3
-    legs = 0.0 if skirted else float(rng.choice([0.42, 0.62, 0.85, 1.55, 1.9, 1.9, 1.9, 1.9]))
+    legs = 0.0 if skirted else float(rng.choice([0.55, 0.7, 0.85, 1.55, 1.9, 1.9, 1.9, 1.9]))
     sleeve = float(rng.choice([0.4, 0.5, 0.5, 0.62, 1.3, 1.86, 1.86, 1.86]))
     return Cut(
         sleeve=sleeve + float(rng.uniform(-0.04, 0.04)), hem=float(rng.uniform(-0.14, 0.0)),
@@ -97,7 +97,7 @@ def trousers(rng: np.random.Generator, body: Body, cut: Cut, material: Material)
     """Trousers or shorts."""
     shell = clipped(body.tights, lambda s: 0.22 - s.along[:, TRUNK] - (s.along[:, ARM] > -0.9) * 9.0)
     shell = clipped(shell, lambda s: cut.legs - s.along[:, LEG])
-    flare = float(rng.uniform(0.008, 0.028)) + (0.02 if cut.legs < 1 else 0.0)
+    flare = float(rng.uniform(0.008, 0.028)) + (0.01 if cut.legs < 1 else 0.0)
 
     def slack(s: Shell) -> Float64Array:
         return 0.004 + 0.006 * (s.along[:, LEG] > 0.1) + flare * np.clip(s.along[:, LEG] - 0.15, 0, 1.2)

@@ -72,14 +72,15 @@ def smoothed(values: Float64Array, shell: Shell, rounds: int) -> Float64Array:
     pairs = np.concatenate(
         [f[:, [0, 1]], f[:, [1, 2]], f[:, [2, 0]], f[:, [1, 0]], f[:, [2, 1]], f[:, [0, 2]]]
     )
+    edges = border(shell)
     rim = np.zeros(len(values), bool)
-    rim[border(shell).ravel()] = True
-    pairs = pairs[~rim[pairs[:, 0]]]
+    rim[edges.ravel()] = True
+    pairs = np.concatenate([pairs[~rim[pairs[:, 0]]], edges, edges[:, ::-1]])
     count = np.maximum(np.bincount(pairs[:, 0], minlength=len(values)), 1)[:, None]
     for _ in range(rounds):
         total = np.zeros_like(values)
         np.add.at(total, pairs[:, 0], values[pairs[:, 1]])
-        values = np.where(rim[:, None], values, 0.5 * values + 0.5 * total / count)
+        values = 0.5 * values + 0.5 * total / count
     return values
 
 

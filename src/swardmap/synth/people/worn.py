@@ -20,6 +20,7 @@ class Worn:
         shell: at rest.
         uv: n x 2.
         place: n: vertices of one place share a normal.
+        faces: m x 3, those of the shell: all models of a figure share them.
         material: of all faces.
         what: skin, hair, shoes, hat, or the name of a garment.
     """
@@ -27,6 +28,7 @@ class Worn:
     shell: Shell
     uv: Float32Array
     place: NDArray[np.int64]
+    faces: NDArray[np.uint32]
     material: Material
     what: str
 
@@ -48,7 +50,7 @@ def meshes_of(figure: Figure, bones: Bones) -> tuple[list[Mesh], Float64Array]:
         meshes.append(
             Mesh(
                 xyz.astype(np.float32), normals.astype(np.float32), worn.uv,
-                worn.shell.faces.astype(np.uint32), worn.material,
+                worn.faces, worn.material,
             )
         )  # fmt: skip
         points.append(xyz)
@@ -97,13 +99,20 @@ def split_worn(shell: Shell, uv: Float64Array, material: Material, what: str) ->
         shell.xyz[old], shell.weights[old], shell.along[old], shell.mean[old],
         faces.reshape(-1, 3).astype(np.int64),
     )  # fmt: skip
-    return Worn(split, (unique[:, 1:] / 4096).astype(np.float32), welded(shell)[old], material, what)
+    return Worn(
+        split,
+        (unique[:, 1:] / 4096).astype(np.float32),
+        welded(shell)[old],
+        split.faces.astype(np.uint32),
+        material,
+        what,
+    )
 
 
 def plain_worn(shell: Shell, material: Material, what: str, uv: Float64Array | None = None) -> Worn:
     """A shell whose texture coordinates are given per vertex, or not needed."""
     given = np.zeros((len(shell.xyz), 2)) if uv is None else uv
-    return Worn(shell, given.astype(np.float32), welded(shell), material, what)
+    return Worn(shell, given.astype(np.float32), welded(shell), shell.faces.astype(np.uint32), material, what)
 
 
 def rigid(body: Body, bone: str, mesh: Mesh, at: Float64Array) -> Worn:
@@ -114,7 +123,7 @@ def rigid(body: Body, bone: str, mesh: Mesh, at: Float64Array) -> Worn:
     shell = Shell(xyz, weights, np.full((len(xyz), 4), -1.0), xyz, mesh.faces.astype(np.int64))
     key = np.round(np.hstack([mesh.xyz, mesh.normals]) * 1e3).astype(np.int64)
     _, place = np.unique(key, axis=0, return_inverse=True)
-    return Worn(shell, mesh.uv, place.reshape(-1), mesh.material, bone)
+    return Worn(shell, mesh.uv, place.reshape(-1), mesh.faces, mesh.material, bone)
 
 
 def put_down(
