@@ -172,9 +172,12 @@ class GridConfig(Checked):
         1, "frames that must see grass before an obstacle cell is cleared (paper: 1)", minimum=1, maximum=255
     )
     person_clear_frames: int = setting(3, "the same for a person cell", minimum=1, maximum=255)
+    resume: str | None = setting(None, "living.npz of an earlier run to go on from; needs mode: evidence")
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.resume is not None and self.mode != "evidence":
+            raise ConfigError("grid: expected mode: evidence beside resume; only living maps can be resumed")
         if (self.origin_m is None) != (self.size_m is None):
             raise ConfigError("grid: expected origin_m and size_m together, got only one of them")
 

@@ -20,6 +20,7 @@ from swardmap.living import LivingMap
 from swardmap.mapper import GridMapper, fixed_spec
 from swardmap.roads import PixelCounts, filtered_cloud, fused_grid, staged_grid
 from swardmap.types import Frame, LabeledCloud, Segmentation
+from swardmap.work_area import WorkArea
 
 
 @runtime_checkable
@@ -86,15 +87,23 @@ class ObstacleMapper:
         segmenter: tells grass from obstacles.
         config: all settings.
         T_base_camera: mount of the camera, for frames without a pose.
+        area: work area, whose outside is kept out of in costmaps; None = everywhere is inside.
+        living: saved living map to go on from; it is changed.
     """
 
     def __init__(
-        self, segmenter: Segmenter, config: Config | None = None, T_base_camera: Pose | None = None
+        self,
+        segmenter: Segmenter,
+        config: Config | None = None,
+        T_base_camera: Pose | None = None,
+        area: WorkArea | None = None,
+        living: LivingMap | None = None,
     ) -> None:
         self.segmenter = segmenter
         self.config = config or Config()
         self.T_base_camera = T_base_camera
-        self._mapper: GridMapper | LivingMap | None = None
+        self.area = area
+        self._mapper: GridMapper | LivingMap | None = living
         self._last_stamp_ns: int | None = None
 
     def step(self, frame: Frame) -> StepResult:
@@ -102,6 +111,7 @@ class ObstacleMapper:
 
         Raises:
             InputError: if the clock goes backwards, or the frame has no pose and no mount is known.
+            InvalidValueError: if the pose is in another frame than the work area.
         """
         config, started = self.config, perf_counter()
         self._check_clock(frame)
@@ -118,6 +128,8 @@ class ObstacleMapper:
         fused = perf_counter()
 
         if frame.T_map_camera is not None:
+            if self.area is not None:
+                self.area.check_frame(T_map_camera.parent)
             self._mapper = self._mapper or new_map(config, T_map_camera.parent)
             self._mapper.integrate(seen)
         done = perf_counter()
@@ -142,9 +154,13 @@ class ObstacleMapper:
         return self._mapper if isinstance(self._mapper, LivingMap) else None
 
     def costmap(self, grid: OccupancyGrid | None = None) -> Costmap | None:
-        """Costmap of `grid`, or of the accumulated map."""
+        """Costmap of `grid`, or of the accumulated map; without a pose the work area says nothing."""
         grid = self.map if grid is None else grid
-        return None if grid is None else build_costmap(grid, self.config.costmap)
+        if grid is None:
+            return None
+        placed = self.T_base_camera is None or grid.spec.frame_id != self.T_base_camera.parent
+        layer = self.area.layer(grid.spec) if self.area is not None and placed else None
+        return build_costmap(grid, self.config.costmap, layer)
 
     def _pose_of(self, frame: Frame) -> Pose:
         if frame.T_map_camera is not None:

@@ -25,6 +25,7 @@ from swardmap.labels import MapClass
 from swardmap.pipeline import ObstacleMapper, Segmenter, StepResult, configured_mount
 from swardmap.roads import PixelCounts
 from swardmap.types import Frame
+from swardmap.work_area import WorkArea
 
 OnStep = Callable[[StepResult], None]
 
@@ -134,6 +135,20 @@ def map_recording(
     return run
 
 
+def build_mapper(segmenter: Segmenter, config: Config) -> ObstacleMapper:
+    """A mapper with all that the configuration names: mount, work area, and the map it goes on from.
+
+    Raises:
+        InputError: if one of their files cannot be read.
+        MissingExtraError: for a work area without pyproj.
+    """
+    from swardmap.io.area_files import read_area
+    from swardmap.io.living_files import read_living_map
+
+    living = None if config.grid.resume is None else read_living_map(config.grid.resume, config)
+    return ObstacleMapper(segmenter, config, configured_mount(config.mount), read_area(config.area), living)
+
+
 class _InterruptedError(Exception):
     """Ctrl-C after at least one frame; carries what was finished."""
 
@@ -160,7 +175,7 @@ def _mapped(
         from swardmap.io.run_files import RunWriter
 
         writer = RunWriter(folder, config, source.frame_count)
-    mapper = ObstacleMapper(segmenter, config, configured_mount(config.mount))
+    mapper = build_mapper(segmenter, config)
     mount = {"source": "poses of the recording" if mapper.T_base_camera is None else "configured"}
     totals, interrupted = RunTotals(), False
     try:
@@ -177,6 +192,7 @@ def _mapped(
     grid, costmap = mapper.map, mapper.costmap()
     summary = _summary(source, segmenter, config, totals, grid, interrupted)
     T_base_camera = mapper.T_base_camera
+    summary["work_area"] = None if mapper.area is None else _area_facts(mapper.area, grid)
     summary["mount"] = mount | ({} if T_base_camera is None else _mount_facts(T_base_camera))
     if writer is not None:
         writer.finish(grid, costmap, summary, mapper.living)
@@ -230,6 +246,16 @@ def _mounted(frames: Iterator[Frame], mapper: ObstacleMapper, mount: dict[str, s
             mapper.T_base_camera = estimate_mount(replace(frame, labels=None))
             mount["source"] = f"measured from the ground in frame {frame.name}, the first without a pose"
         yield frame
+
+
+def _area_facts(area: WorkArea, grid: OccupancyGrid | None) -> dict[str, Any]:
+    kept_out = None if grid is None else int(area.keep_out(grid.spec).sum())
+    return {
+        "polygons": [{"role": str(p.role), "name": p.name} for p in area.polygons],
+        "left_out": area.ignored,
+        "boundary_m2": round(area.area_m2, 2),
+        "kept_out_cells": kept_out,
+    }
 
 
 def _mount_facts(T_base_camera: Pose) -> dict[str, float]:

@@ -76,6 +76,18 @@ class WorkArea:
         if not self.polygons:
             raise InvalidValueError("work area: expected at least one polygon, got none")
 
+    def check_frame(self, frame_id: str) -> None:
+        """Hold that poses or a grid are in the frame of this area.
+
+        Raises:
+            InvalidValueError: if not.
+        """
+        if frame_id != self.frame_id:
+            raise InvalidValueError(
+                f"the work area is in the frame '{self.frame_id}', the map in '{frame_id}': "
+                "set area.frame_id to the frame whose origin the datum is"
+            )
+
     def keep_out(self, spec: GridSpec) -> NDArray[np.bool_]:
         """(height, width) bool: cells whose centre lies outside every boundary, or in an exclusion.
 
@@ -84,11 +96,7 @@ class WorkArea:
         Raises:
             InvalidValueError: if the grid is in another frame.
         """
-        if spec.frame_id != self.frame_id:
-            raise InvalidValueError(
-                f"the work area is in the frame '{self.frame_id}', the map in '{spec.frame_id}': "
-                "set area.frame_id to the frame whose origin the datum is"
-            )
+        self.check_frame(spec.frame_id)
         boundaries = [p for p in self.polygons if p.role == Role.BOUNDARY]
         out = np.full(spec.shape, bool(boundaries))
         for polygon in boundaries:

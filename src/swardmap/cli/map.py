@@ -1,11 +1,13 @@
-"""`swardmap map`: a recording to an obstacle map."""
+"""`swardmap map`: a recording or a live camera to an obstacle map."""
 
 import json
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from swardmap.cli.live import Duration, Frames, tell_how_it_ended, until_stopped
 from swardmap.cli.options import ConfigFile, Json, Overwrite, Progress, Settings, settings
 
 EXAMPLES = """\b
@@ -13,12 +15,15 @@ Examples:
   swardmap map recording/ -o out/
   swardmap map drive.mcap -o out/ --segmenter lawn.onnx --resolution 0.1
   swardmap map drive.bag -o out/ --set source.depth_topic=/depth/image_raw
+  swardmap map friday.mcap -o out2/ --resume-map out/living.npz
+  swardmap map drive.mcap -o out/ --set area.file=lawn.kml --set area.datum_lat=52.4 --set area.datum_lon=16.9
 """
 
 
 def map_command(
     source: Annotated[
-        Path, typer.Argument(help="Recording: a folder, a ROS bag, an MCAP file.", readable=False)
+        Path,
+        typer.Argument(help="A folder, a ROS bag, an MCAP file, or the camera realsense:.", readable=False),
     ],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.", readable=False)],
     kind: Annotated[
@@ -33,6 +38,12 @@ def map_command(
         int | None, typer.Option(help="A picture of every n-th frame; 0 = none. Without it: about 50.")
     ] = None,
     clouds: Annotated[str | None, typer.Option(help="Cloud of each frame: none, pcd, ply.")] = None,
+    resume_map: Annotated[
+        Path | None,
+        typer.Option(help="living.npz of an earlier run to go on from; makes grid.mode evidence."),
+    ] = None,
+    frames: Frames = None,
+    duration: Duration = None,
     config: ConfigFile = None,
     set_: Settings = None,
     overwrite: Overwrite = False,
@@ -42,6 +53,7 @@ def map_command(
     flags = {
         "source.format": kind, "segmenter.name": segmenter, "grid.resolution_m": resolution,
         "costmap.margin_m": margin, "output.pictures": pictures, "output.clouds": clouds,
+        **({} if resume_map is None else {"grid.mode": "evidence", "grid.resume": str(resume_map)}),
     }  # fmt: skip
     # the named options are the last word: they are the most explicit ones
     overrides = [
@@ -50,15 +62,22 @@ def map_command(
     ]
     chosen = settings(config, overrides)
 
-    from swardmap.io import open_source
+    from swardmap.io import is_live, open_source
     from swardmap.io.files import refuse_to_replace
+    from swardmap.io.limited import LimitedSource
     from swardmap.recording import map_recording
 
-    refuse_to_replace(source, out)
-    frames = open_source(source, chosen.source)
-    with Progress(frames.frame_count, quiet=as_json) as on_step:
-        run = map_recording(frames, out, chosen, overwrite=overwrite, on_step=on_step)
+    live = is_live(source)
+    if not live:
+        refuse_to_replace(source, out)
+    given = LimitedSource(open_source(source, chosen.source, chosen.camera), frames, duration)
+    with ExitStack() as stack:
+        if live:  # a recording that is stopped is an interrupted run; a camera has no other end
+            stack.enter_context(until_stopped(given))
+        on_step = stack.enter_context(Progress(given.frame_count, quiet=as_json))
+        run = map_recording(given, out, chosen, overwrite=overwrite, on_step=on_step)
     print(json.dumps(run.summary, indent=2) if as_json else report(run.summary, out))
+    tell_how_it_ended(given, live, run.totals.frames, out)
 
 
 def report(summary: dict[str, Any], out: Path) -> str:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from swardmap.config import Config
 from swardmap.evidence import Cells
 from swardmap.grid import GridSpec
 from swardmap.io.npz_files import read_archive, write_archive
@@ -56,6 +57,26 @@ def read_living(path: str | Path, into: LivingMap) -> None:
         into.restore(_tiles_of(arrays, into.corner_cell), int(arrays["stamp_ns"]))
 
     read_archive(path, "a living map", restore)
+
+
+def read_living_map(path: str | Path, config: Config) -> LivingMap:
+    """A living map as `write_living` wrote it, in the frame it was of, to be gone on from.
+
+    Args:
+        path: the archive.
+        config: of the run that goes on; its cells must be those of the file.
+
+    Raises:
+        InputError: see `read_living`.
+    """
+
+    def restored(arrays: dict[str, NDArray[Any]]) -> LivingMap:
+        frame_id = str(arrays["frame_id"])
+        living = LivingMap(config.grid, config.evidence, config.cloud.min_height_m, frame_id)
+        living.restore(_tiles_of(arrays, living.corner_cell), int(arrays["stamp_ns"]))
+        return living
+
+    return read_archive(path, "a living map", restored)
 
 
 def _tiles_of(arrays: dict[str, NDArray[Any]], corner: GridSpec) -> dict[TileKey, Cells]:
