@@ -16,6 +16,10 @@ from swardmap.cli.evaluate import evaluate_command
 from swardmap.cli.export import export
 from swardmap.cli.map import EXAMPLES as MAP_EXAMPLES
 from swardmap.cli.map import map_command
+from swardmap.cli.synth import EXAMPLES as SYNTH_EXAMPLES
+from swardmap.cli.synth import synth
+from swardmap.cli.ros import EXAMPLES as ROS_EXAMPLES
+from swardmap.cli.ros import ros_command
 from swardmap.cli.train import train
 from swardmap.errors import SwardmapError
 
@@ -49,8 +53,10 @@ app.command("demo")(demo)
 app.command("evaluate", epilog=EVALUATE_EXAMPLES)(evaluate_command)
 app.command("compare", epilog=COMPARE_EXAMPLES)(compare_command)
 app.command("convert")(convert)
+app.command("synth", epilog=SYNTH_EXAMPLES)(synth)
 app.command("train")(train)
 app.command("export")(export)
+app.command("ros", epilog=ROS_EXAMPLES)(ros_command)
 app.command("config")(config)
 app.command("doctor")(doctor)
 

@@ -1,0 +1,42 @@
+"""`swardmap ros`: the ROS 2 node."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from swardmap.cli.options import ConfigFile, Settings, settings
+
+EXAMPLES = """\b
+Examples:
+  swardmap ros --params robot.yaml
+  swardmap ros --set source.odometry_topic=/odometry/global -- -r color/image_raw:=/camera/color/image_raw
+  swardmap ros --params robot.yaml -- -r __ns:=/front_mower
+"""
+
+
+def ros_command(
+    params: Annotated[
+        Path | None,
+        typer.Option("--params", help="ROS 2 parameter file (docs/robot.md).", exists=True, dir_okay=False),
+    ] = None,
+    ros_args: Annotated[
+        list[str] | None,
+        typer.Argument(help="After --: ROS arguments such as -r from:=to or -p name:=value."),
+    ] = None,
+    config: ConfigFile = None,
+    set_: Settings = None,
+) -> None:
+    """Run the ROS 2 node: cameras and poses to masks, clouds, map, costmap and a stop flag."""
+    chosen = settings(config, list(set_ or []))
+    arguments = ["--ros-args", *(["--params-file", str(params)] if params else []), *_plain(ros_args or [])]
+
+    from swardmap.ros.parameters import Parameters
+    from swardmap.ros.run import run_node
+
+    run_node(Parameters(config=chosen), arguments)
+
+
+def _plain(ros_args: list[str]) -> list[str]:
+    """`--ros-args` may be written or not."""
+    return [argument for argument in ros_args if argument != "--ros-args"]

@@ -1,0 +1,184 @@
+"""The mapper of a node: frames of several cameras into one map, watched; safe to ask from other threads.
+
+A worker calls `map_frame`; all else may be called by any thread, and does not wait for a network that is slow
+or hangs: the lock is held for the update of the map only.
+"""
+
+import threading
+from collections import Counter
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from time import perf_counter
+
+from swardmap.config import Config
+from swardmap.costmap import Costmap
+from swardmap.errors import InputError
+from swardmap.freshness import Freshness
+from swardmap.geometry import Pose
+from swardmap.grid import OccupancyGrid
+from swardmap.health import HealthReport, frame_stats
+from swardmap.labels import LabelSet
+from swardmap.pipeline import ObstacleMapper, Segmenter, StepResult
+from swardmap.types import Frame, Segmentation
+from swardmap.watchdog import Watchdog
+
+LATE_NS = 1_000_000_000
+"""A frame this much older than the newest in the map says nothing about now; it is left out."""
+
+REASON_UNFIT = "frame that the watchdog refused"
+REASON_LATE = "frame older than the map by more than a second"
+
+
+@dataclass(frozen=True, slots=True)
+class _Given:
+    """A segmenter that gives what was found before; the network itself runs outside the lock."""
+
+    segmentation: Segmentation
+    name: str = "given"
+
+    @property
+    def label_set(self) -> LabelSet:
+        return self.segmentation.label_set
+
+    def __call__(self, frame: Frame) -> Segmentation:  # noqa: ARG002
+        return self.segmentation
+
+
+class Engine:
+    """One map, its watchdog, and the segmenter of all cameras.
+
+    Args:
+        config: all settings.
+        segmenter: used by the worker alone.
+        mounts: T_base_camera by name of each camera, or None where it is not known.
+    """
+
+    def __init__(self, config: Config, segmenter: Segmenter, mounts: Mapping[str, Pose | None]) -> None:
+        self.config = config
+        self.segmenter = segmenter
+        self.left_out: Counter[str] = Counter()
+        self.mapped: Counter[str] = Counter()
+        self._mounts = dict(mounts)
+        self._map_lock, self._watch_lock = threading.Lock(), threading.Lock()
+        self._watchdog = Watchdog(tuple(mounts), config.watchdog)
+        self._mapper: ObstacleMapper
+        self._freshness: Freshness | None
+        self._alone: OccupancyGrid | None
+        self._newest_ns: int
+        self._version = 0
+        self._begin()
+
+    def map_frame(self, camera: str, frame: Frame, arrival_ns: int) -> StepResult | None:
+        """Watch a frame, segment it, and put it into the map.
+
+        Cameras have one clock, but their frames do not come in its order: for the map a frame is as late as
+        the newest before it. Its pose is that of its own stamp.
+
+        Returns:
+            What it gave, with the frame's own stamp; None if it is not fit for the map.
+        """
+        stats = frame_stats(frame, arrival_ns, self._mounts.get(camera))
+        with self._watch_lock:
+            fit = self._watchdog.observe_frame(camera, stats)
+        if not fit:
+            self.left_out[REASON_UNFIT] += 1
+            return None
+        version, started = self._version, perf_counter()
+        segmentation = self.segmenter(frame)
+        segment_ms = 1e3 * (perf_counter() - started)
+        with self._map_lock:
+            if version != self._version:  # cleared meanwhile
+                return None
+            if self._newest_ns - frame.stamp_ns > LATE_NS:
+                self.left_out[REASON_LATE] += 1
+                return None
+            self._newest_ns = max(self._newest_ns, frame.stamp_ns)
+            step = self._step(replace(frame, stamp_ns=self._newest_ns), segmentation)
+        self.mapped[camera] += 1
+        timings_ms = step.timings_ms | {"segment": segment_ms}
+        return replace(step, frame=frame, timings_ms=timings_ms)
+
+    def observe_mapped(self, stamp_ns: int, now_ns: int) -> None:
+        """Take that an image is in the map now."""
+        with self._watch_lock:
+            self._watchdog.observe_mapped(stamp_ns, now_ns)
+
+    def observe_pose(self, stamp_ns: int) -> None:
+        """Take the stamp of the newest pose there is."""
+        with self._watch_lock:
+            self._watchdog.observe_pose(stamp_ns)
+
+    def observe_queue(self, length: int, capacity: int, now_ns: int) -> None:
+        """Take how many frames wait for the mapper."""
+        with self._watch_lock:
+            self._watchdog.observe_queue("queue", length, capacity, now_ns)
+
+    def check(self, now_ns: int, active: Collection[str]) -> HealthReport:
+        """What is wrong now, of the cameras that are to be running."""
+        with self._watch_lock:
+            return self._watchdog.check(now_ns, active)
+
+    def snapshot(self, forget_before_ns: int | None) -> OccupancyGrid | None:
+        """The map now, with every free cell that was last seen before a time as unknown; None if empty.
+
+        Without poses: the map of the newest frame alone, or all unknown if that is older.
+        """
+        with self._map_lock:
+            if self._alone is not None:
+                stale = forget_before_ns is not None and self._alone.stamp_ns < forget_before_ns
+                return OccupancyGrid.unknown(self._alone.spec) if stale else self._alone
+            grid = self._mapper.map
+            if grid is None or self._freshness is None:
+                return grid
+            return self._freshness.forget_stale(grid, forget_before_ns)
+
+    def costmap(self, grid: OccupancyGrid) -> Costmap | None:
+        """Costs of a snapshot."""
+        return self._mapper.costmap(grid)
+
+    def configure(self, config: Config) -> None:
+        """Go on with other settings; those that the map is built on must be as they were."""
+        with self._map_lock:
+            self.config = self._mapper.config = config
+
+    def clear(self) -> None:
+        """Forget the map: all is unknown."""
+        with self._map_lock:
+            self._begin()
+
+    def save(self, folder: Path) -> None:
+        """Write map, costmap, evidence and settings as `swardmap map` does into a new folder.
+
+        Raises:
+            InputError: if there is no map yet.
+            OutputError: if it cannot be written.
+        """
+        from swardmap.io.files import new_output_folder
+        from swardmap.io.run_files import RunWriter
+
+        grid = self.snapshot(None)
+        if grid is None:
+            raise InputError("there is no map yet: no frame with a pose was mapped")
+        summary = {"frames": dict(self.mapped), "left_out": dict(self.left_out), "stamp_ns": grid.stamp_ns}
+        plain = replace(self.config, output=replace(self.config.output, pictures=0))
+        with new_output_folder(folder, overwrite=False) as path, self._map_lock:
+            RunWriter(path, plain).finish(grid, self.costmap(grid), summary, self._mapper.living)
+
+    def _begin(self) -> None:
+        self._version += 1
+        self._mapper = ObstacleMapper(self.segmenter, self.config)
+        self._freshness, self._alone, self._newest_ns = None, None, 0
+
+    def _step(self, frame: Frame, segmentation: Segmentation) -> StepResult:
+        self._mapper.segmenter = _Given(segmentation)
+        step = self._mapper.step(frame)
+        if frame.T_map_camera is None:
+            self._alone = step.seen
+            return step
+        self._freshness = self._freshness or Freshness(step.seen.spec)
+        self._freshness.integrate(step.seen)
+        living = self._mapper.living
+        if living is not None and self.config.evidence.window_m is not None and living.grid is not None:
+            self._freshness.keep_within(living.grid.spec)
+        return step

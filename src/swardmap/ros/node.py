@@ -1,0 +1,310 @@
+"""The ROS 2 node: a lifecycle shell that wires topics, services and two threads to a `Session`."""
+
+import threading
+import time
+import traceback
+from collections.abc import Callable
+from datetime import UTC, datetime
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from swardmap.errors import ConfigError, SwardmapError
+from swardmap.io.pairing import COLOR, DEPTH
+from swardmap.models import build_segmenter
+from swardmap.ros.inputs import is_compressed
+from swardmap.ros.outputs import Outputs
+from swardmap.ros.parameters import Declaration, Parameters, changed, declarations, parameters_from
+from swardmap.ros.session import Session
+from swardmap.ros.topics import find_types, image_qos, latched_qos
+
+CHECKS_HZ = 10.0
+"""How often the watchdog is asked, and the stop flag published."""
+
+WORKER_WAITS_S = 0.2
+
+
+class RobotNode:
+    """One node: unconfigured, inactive, active, as Nav2's own.
+
+    Configured, it has subscriptions, publishers and a loaded network; active, it maps and publishes.
+    Deactivated it forgets the map, and the last it says is: stop, all unknown.
+
+    Args:
+        defaults: what parameters are unless ROS says otherwise.
+        name: of the node.
+    """
+
+    def __init__(self, defaults: Parameters | None = None, name: str = "swardmap") -> None:
+        from rclpy.lifecycle import LifecycleNode
+
+        self.node = LifecycleNode(name)
+        self.parameters = defaults or Parameters()
+        self.session: Session | None = None
+        self._types = find_types()
+        self._active = threading.Event()
+        self._outputs: Outputs | None = None
+        self._threads: list[threading.Thread] = []
+        self._held: list[Callable[[], object]] = []
+        self._declare()
+        self.node.add_managed_entity(self._managed())
+
+    @property
+    def log(self) -> Any:
+        """The node's logger."""
+        return self.node.get_logger()
+
+    def start(self) -> bool:
+        """Configure and activate, unless a lifecycle manager is to do it; returns whether all went well."""
+        from rclpy.lifecycle import TransitionCallbackReturn
+
+        if not self.parameters.node.autostart:
+            return True
+        good = TransitionCallbackReturn.SUCCESS
+        return bool(self.node.trigger_configure() == good and self.node.trigger_activate() == good)
+
+    def close(self) -> None:
+        """Stop the threads, say stop once more, and destroy the node."""
+        self._deactivate()
+        self._cleanup()
+        self.node.destroy_node()
+
+    def _now_ns(self) -> int:
+        return int(self.node.get_clock().now().nanoseconds)
+
+    def _declare(self) -> None:
+        from rcl_interfaces.msg import SetParametersResult
+
+        values = {d.name: self._declared(d) for d in declarations(self.parameters)}
+        self.parameters = parameters_from(values)
+
+        def on_set(wanted: list[Any]) -> Any:
+            values = {p.name: p.value for p in wanted if p.name in known}
+            try:
+                self._take(changed(self.parameters, values, self.session is not None))
+            except SwardmapError as error:
+                return SetParametersResult(successful=False, reason=str(error))
+            return SetParametersResult(successful=True)
+
+        known = frozenset(values)
+        self.node.add_on_set_parameters_callback(on_set)
+
+    def _declared(self, declaration: Declaration) -> Any:
+        """Declare one parameter; its value may come from the command line or a file."""
+        from rcl_interfaces.msg import ParameterDescriptor
+
+        descriptor = ParameterDescriptor(
+            description=declaration.about, dynamic_typing=declaration.optional or declaration.value is None
+        )
+        return self.node.declare_parameter(declaration.name, declaration.value, descriptor).value
+
+    def _take(self, parameters: Parameters) -> None:
+        self.parameters = parameters
+        if self.session is not None:
+            self.session.parameters = parameters
+            self.session.engine.configure(parameters.config)
+
+    def _managed(self) -> Any:
+        """What rclpy's lifecycle calls on each transition."""
+        from rclpy.lifecycle import ManagedEntity
+
+        def of(action: Callable[[], None]) -> Callable[[Any, Any], Any]:
+            return lambda _, __: self._transition(action)
+
+        actions = {
+            "on_configure": of(self._configure), "on_activate": of(self._activate),
+            "on_deactivate": of(self._deactivate), "on_cleanup": of(self._cleanup),
+            "on_shutdown": of(self._shutdown), "on_error": of(self._shutdown),
+        }  # fmt: skip
+        return type("Transitions", (ManagedEntity,), actions)()
+
+    def _transition(self, action: Callable[[], None]) -> Any:
+        from rclpy.lifecycle import TransitionCallbackReturn
+
+        try:
+            action()
+        except SwardmapError as error:
+            self.log.error(str(error))
+            return TransitionCallbackReturn.FAILURE
+        except Exception:
+            self.log.fatal(traceback.format_exc())
+            raise
+        return TransitionCallbackReturn.SUCCESS
+
+    def _configure(self) -> None:
+        from swardmap.rig import read_rig
+
+        for sentence in self._types.without:
+            self.log.info(sentence)
+        node = self.parameters.node
+        rig = None if node.rig_file is None else read_rig(node.rig_file)
+        segmenter = build_segmenter(self.parameters.config.segmenter)
+        session = Session(self.parameters, segmenter, rig)
+        self._outputs = Outputs(self.node, self._types, session.inputs, segmenter.label_set)
+        self.session = session
+        try:
+            self._subscribe(session)
+        except BaseException:
+            self._cleanup()
+            raise
+        self._serve(session)
+        self.log.info(f"cameras: {', '.join(session.inputs)}; segmenter: {segmenter.name}")
+
+    def _activate(self) -> None:
+        self._active.set()
+        for target in (self._map_frames, self._publish_maps):
+            thread = threading.Thread(target=self._guarded, args=(target,), daemon=True)
+            self._threads.append(thread)
+            thread.start()
+
+    def _deactivate(self) -> None:
+        if not self._active.is_set():
+            return
+        self._active.clear()
+        for thread in self._threads:
+            thread.join(timeout=2.0)
+        self._threads.clear()
+        session, outputs = self.session, self._outputs
+        if session is None or outputs is None:
+            return
+        session.fail("the node is not active")
+        self._check()
+        self._publish_map(session, outputs, all_unknown=True)
+        session.failure = ""
+        session.clear()
+
+    def _cleanup(self) -> None:
+        for destroy in self._held:
+            destroy()
+        self._held.clear()
+        if self._outputs is not None:
+            self._outputs.destroy()
+        self.session = self._outputs = None
+
+    def _shutdown(self) -> None:
+        self._deactivate()
+        self._cleanup()
+
+    def _subscribe(self, session: Session) -> None:
+        from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+
+        node = self.parameters.node
+        images = image_qos(node.image_reliability, node.image_depth)
+        for name, camera in session.inputs.items():
+            topics = camera.topics
+            for kind, topic, info in (
+                (COLOR, topics.color, topics.color_info),
+                (DEPTH, topics.depth, topics.depth_info),
+            ):
+                cls = CompressedImage if is_compressed(topic) else Image
+                self._listen(cls, topic, partial(self._on_image, name, kind), images)
+                self._listen(
+                    CameraInfo, info, partial(session.on_info, name, kind), image_qos("best_effort", 2)
+                )
+        self._subscribe_poses(session)
+
+    def _subscribe_poses(self, session: Session) -> None:
+        from nav_msgs.msg import Odometry
+
+        if not session.posed:
+            return
+        tf = self._types["tf"]
+        if session.from_odometry:
+            topic = self.parameters.config.source.odometry_topic
+            self._listen(Odometry, topic, lambda m: session.on_odometry(m, self._now_ns()), 50)
+        elif tf is None:
+            raise ConfigError(
+                "poses by tf need tf2_msgs, which this ROS lacks: set source.odometry_topic, or install "
+                "ros-<distribution>-tf2-msgs"
+            )
+        else:
+            self._listen(tf, "/tf", lambda m: session.on_tf(m, False, self._now_ns()), 100)
+        if tf is not None:
+            self._listen(tf, "/tf_static", lambda m: session.on_tf(m, True, self._now_ns()), latched_qos(100))
+
+    def _listen(self, cls: Any, topic: str | None, callback: Callable[[Any], None], qos: Any) -> None:
+        subscription = self.node.create_subscription(cls, topic, callback, qos)
+        self._held.append(partial(self.node.destroy_subscription, subscription))
+
+    def _serve(self, session: Session) -> None:
+        from rclpy.clock import Clock, ClockType
+
+        steady = Clock(clock_type=ClockType.STEADY_TIME)  # a simulation that pauses must not silence the flag
+        timer = self.node.create_timer(1 / CHECKS_HZ, self._check, clock=steady)
+        self._held.append(partial(self.node.destroy_timer, timer))
+        if self._types["services"] is None:
+            return
+        from std_srvs.srv import SetBool, Trigger
+
+        for name, kind, answer in (
+            ("clear", Trigger, self._clear), ("save", Trigger, self._save), ("pause", SetBool, self._pause),
+        ):  # fmt: skip
+            service = self.node.create_service(kind, f"~/{name}", partial(answer, session))
+            self._held.append(partial(self.node.destroy_service, service))
+
+    def _clear(self, session: Session, _: Any, response: Any) -> Any:
+        session.clear()
+        response.success, response.message = True, "the map is empty: all is unknown"
+        return response
+
+    def _save(self, session: Session, _: Any, response: Any) -> Any:
+        folder = Path(self.parameters.node.save_folder) / datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%f")
+        try:
+            session.engine.save(folder)
+        except SwardmapError as error:
+            response.success, response.message = False, str(error)
+        else:
+            response.success, response.message = True, str(folder.absolute())
+        return response
+
+    def _pause(self, session: Session, request: Any, response: Any) -> Any:
+        session.paused = bool(request.data)
+        response.success = True
+        response.message = "paused: the stop flag will be set" if request.data else "mapping"
+        return response
+
+    def _on_image(self, camera: str, kind: str, message: Any) -> None:
+        if self.session is not None and self._active.is_set():
+            self.session.on_image(camera, kind, message, self._now_ns())
+
+    def _check(self) -> None:
+        session, outputs = self.session, self._outputs
+        if session is None or outputs is None or not (self._active.is_set() or session.failure):
+            return
+        report = session.check(self._now_ns())
+        facts = {
+            "mapped": dict(session.engine.mapped), "left_out": session.skipped,
+            "active": list(session.active_names), "paused": session.paused, "error": session.last_error,
+        }  # fmt: skip
+        outputs.publish_health(report, facts)
+
+    def _guarded(self, target: Callable[[], None]) -> None:
+        """A thread that fails says so: from then on the flag is stop and the map turns unknown."""
+        try:
+            target()
+        except Exception:  # noqa: BLE001 - a thread has nobody above it; it is logged, and the robot stops
+            self.log.fatal(traceback.format_exc())
+            if self.session is not None:
+                self.session.fail(traceback.format_exc(limit=1).strip().splitlines()[-1])
+
+    def _map_frames(self) -> None:
+        session, outputs = self.session, self._outputs
+        while session is not None and outputs is not None and self._active.is_set():
+            mapped = session.process(WORKER_WAITS_S)
+            if mapped is not None:
+                session.mapped(mapped.pair, self._now_ns())
+                outputs.publish_frame(mapped, session.engine.config, session.parameters.node.organised_cloud)
+
+    def _publish_maps(self) -> None:
+        session, outputs = self.session, self._outputs
+        while session is not None and outputs is not None and self._active.is_set():
+            self._publish_map(session, outputs)
+            time.sleep(1 / session.parameters.node.map_rate_hz)
+
+    def _publish_map(self, session: Session, outputs: Outputs, all_unknown: bool = False) -> None:
+        report = session.report
+        forget_ns = 2**62 if all_unknown else None if report is None else report.forget_before_ns
+        grid = session.engine.snapshot(forget_ns)
+        if grid is not None:
+            costmap = session.engine.costmap(grid)
+            outputs.publish_map(grid, costmap, time.monotonic(), session.parameters.node.full_map_s)

@@ -1,0 +1,189 @@
+"""The node's publishers; what nobody listens to is not computed."""
+
+import json
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swardmap.config import Config
+from swardmap.costmap import Costmap, occupancy_from_costs
+from swardmap.grid import GridSpec, OccupancyGrid
+from swardmap.health import HealthReport, Severity
+from swardmap.io.ros_fields import occupancy_grid_fields
+from swardmap.labels import LabelSet
+from swardmap.ros import messages
+from swardmap.ros.clouds import frame_points, labelled_cloud_fields, marked_by_depth_m, obstacle_cloud_fields
+from swardmap.ros.messages import ros_message
+from swardmap.ros.session import Mapped
+from swardmap.ros.topics import Types, latched_qos
+
+FRAME_DEPTH = 5
+"""Messages of a frame that DDS keeps for a listener that is slow."""
+
+LEVELS = {Severity.OK: messages.OK, Severity.WARN: messages.WARN, Severity.STOP: messages.ERROR}
+
+
+class GridChannel:
+    """A grid on two topics: whole, latched; and what changed since, as map_msgs/OccupancyGridUpdate.
+
+    A grid that grew is sent whole, and each `full_s` seconds, so that who comes late is not left with an old
+    one. Without map_msgs what changed is sent as a whole grid.
+
+    Args:
+        node: of rclpy.
+        topic: of the whole grid; updates go to `topic`_updates, as Nav2 expects.
+        update_type: map_msgs.msg.OccupancyGridUpdate, or None.
+    """
+
+    def __init__(self, node: Any, topic: str, update_type: Any) -> None:
+        from nav_msgs.msg import OccupancyGrid as GridMessage
+
+        self._type, self._update_type = GridMessage, update_type
+        self.publishers = [node.create_publisher(GridMessage, topic, latched_qos())]
+        if update_type is not None:
+            self.publishers.append(node.create_publisher(update_type, f"{topic}_updates", 10))
+        self._values: NDArray[np.int8] | None = None
+        self._spec: GridSpec | None = None
+        self._whole_s = -np.inf
+
+    def publish(
+        self, values: NDArray[np.int8], spec: GridSpec, stamp_ns: int, now_s: float, full_s: float
+    ) -> None:
+        """Send what changed, or all of it; nothing if it is as it was and a whole one is not due."""
+        last, self._values = self._values, values
+        grown, self._spec = spec != self._spec, spec
+        part = None if grown or last is None else messages.changed_rectangle(last, values)
+        due = now_s - self._whole_s >= max(full_s, 0.1)
+        if not (grown or last is None or due or part is not None):
+            return
+        if part is not None and not due and full_s > 0 and self._update_type is not None:
+            update = messages.update_fields(values, part, spec, stamp_ns)
+            self.publishers[1].publish(ros_message(self._update_type, update))
+            return
+        self._whole_s = now_s
+        fields = occupancy_grid_fields(values, spec, stamp_ns, spec.frame_id)
+        self.publishers[0].publish(ros_message(self._type, fields))
+
+
+class Outputs:
+    """All publishers of a configured node.
+
+    Args:
+        node: of rclpy.
+        types: optional messages that there are.
+        cameras: names.
+        label_set: of the masks.
+    """
+
+    def __init__(self, node: Any, types: Types, cameras: Iterable[str], label_set: LabelSet) -> None:
+        from sensor_msgs.msg import Image, PointCloud2
+        from std_msgs.msg import Bool, String
+
+        self._node, self._types = node, types
+        self._image, self._cloud, self._bool, self._string = Image, PointCloud2, Bool, String
+        kinds = {"mask": Image, "confidence": Image, "cloud": PointCloud2, "obstacles": PointCloud2}
+        self._of_camera = {
+            (camera, kind): node.create_publisher(cls, f"~/{camera}/{kind}", FRAME_DEPTH)
+            for camera in cameras
+            for kind, cls in kinds.items()
+        }
+        self._map = GridChannel(node, "~/map", types["updates"])
+        self._costmap = GridChannel(node, "~/costmap", types["updates"])
+        self._stop = node.create_publisher(Bool, "~/stop", latched_qos())
+        self._health = node.create_publisher(String, "~/health_json", 10)
+        self._more: list[Any] = []
+        self._diagnostics = None
+        if types["diagnostics"] is not None:
+            self._diagnostics = node.create_publisher(types["diagnostics"], "/diagnostics", 10)
+        self._publish_labels(label_set)
+
+    def destroy(self) -> None:
+        """Take all publishers back."""
+        grids = [*self._map.publishers, *self._costmap.publishers]
+        rest = [self._stop, self._health, *self._more, *([self._diagnostics] if self._diagnostics else [])]
+        for publisher in (*self._of_camera.values(), *grids, *rest):
+            self._node.destroy_publisher(publisher)
+
+    def publish_frame(self, mapped: Mapped, config: Config, organised: bool) -> None:
+        """Mask, confidence and clouds of one frame, in its optical frame."""
+        pair, step = mapped.pair, mapped.step
+        stamped = pair.stamp_ns, pair.color_frame
+        wanted = {
+            kind for kind in ("mask", "confidence", "cloud", "obstacles") if self._heard(pair.camera, kind)
+        }
+        if wanted & {"mask", "confidence"}:
+            mask, confidence = messages.mask_fields(step.segmentation, step.frame.depth.shape, *stamped)
+            self._send(pair.camera, "mask", self._image, mask)
+            self._send(pair.camera, "confidence", self._image, confidence)
+        if not wanted & {"cloud", "obstacles"}:
+            return
+        points = frame_points(step.frame, step.segmentation, step.T_map_camera, config.cloud)
+        if "cloud" in wanted:
+            cloud = labelled_cloud_fields(points, *stamped, organised)
+            self._send(pair.camera, "cloud", self._cloud, cloud)
+        if "obstacles" in wanted:
+            cloud = obstacle_cloud_fields(points, *stamped, marked_by_depth_m(step))
+            self._send(pair.camera, "obstacles", self._cloud, cloud)
+
+    def publish_map(self, grid: OccupancyGrid, costmap: Costmap | None, now_s: float, full_s: float) -> None:
+        """Map and costmap, or what changed of them."""
+        self._map.publish(grid.nav_values, grid.spec, grid.stamp_ns, now_s, full_s)
+        if costmap is not None:
+            values = occupancy_from_costs(costmap.costs)
+            self._costmap.publish(values, costmap.spec, costmap.stamp_ns, now_s, full_s)
+
+    def publish_health(self, report: HealthReport, facts: Mapping[str, object]) -> None:
+        """Stop flag, diagnoses and latency."""
+        self._stop.publish(self._bool(data=report.stop))
+        latency = report.latency
+        numbers: dict[str, object] = dict(facts)
+        if latency is not None:
+            numbers |= {"latency_p50_ms": latency.p50_ms, "latency_p99_ms": latency.p99_ms}
+        faults = [
+            {
+                "fault": d.fault,
+                "subject": d.subject,
+                "severity": d.severity.name.lower(),
+                "message": d.message,
+            }
+            for d in report.diagnoses
+        ]
+        told = {"stamp_ns": report.stamp_ns, "stop": report.stop, "faults": faults,
+                "rates_hz": dict(report.rates_hz), **numbers}  # fmt: skip
+        self._health.publish(self._string(data=json.dumps(told)))
+        if self._diagnostics is not None:
+            fields = messages.diagnostic_fields(report.stamp_ns, list(_statuses(report, numbers)))
+            self._diagnostics.publish(ros_message(self._types["diagnostics"], fields))
+
+    def _publish_labels(self, label_set: LabelSet) -> None:
+        label_info = self._types["label_info"]
+        if label_info is not None:
+            publisher = self._node.create_publisher(label_info, "~/label_info", latched_qos())
+            publisher.publish(ros_message(label_info, messages.label_info_fields(label_set, 0, "")))
+        else:
+            publisher = self._node.create_publisher(self._string, "~/labels_json", latched_qos())
+            publisher.publish(self._string(data=messages.label_info_json(label_set)))
+        self._more.append(publisher)
+
+    def _heard(self, camera: str, kind: str) -> bool:
+        return bool(self._of_camera[camera, kind].get_subscription_count())
+
+    def _send(self, camera: str, kind: str, cls: Any, fields: Mapping[str, Any]) -> None:
+        self._of_camera[camera, kind].publish(ros_message(cls, fields))
+
+
+def _statuses(
+    report: HealthReport, numbers: Mapping[str, object]
+) -> Iterable[tuple[str, bytes, str, Mapping[str, object]]]:
+    """One status for the node, and one for each camera and whatever else has a fault."""
+    text = "stop" if report.stop else "all is well" if not report.diagnoses else "degraded"
+    level = messages.ERROR if report.stop else LEVELS[report.severity]
+    yield "swardmap", level, text, {"stop": report.stop, **numbers}
+    for subject in dict.fromkeys([*report.rates_hz, *(d.subject for d in report.diagnoses)]):
+        found = report.of(subject)
+        worst = max((d.severity for d in found), default=Severity.OK)
+        text = "; ".join(f"{d.fault}: {d.message}" for d in found) or "ok"
+        rate = report.rates_hz.get(subject)
+        yield f"swardmap: {subject}", LEVELS[worst], text, {} if rate is None else {"rate_hz": round(rate, 2)}

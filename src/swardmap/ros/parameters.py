@@ -1,0 +1,190 @@
+"""The node's parameters: the whole configuration under its own names, and what only a node needs.
+
+`grid.resolution_m` of a file for `swardmap map` is `grid.resolution_m` of the node. ROS has no null: a
+parameter that may be none is declared without a value.
+"""
+
+import dataclasses
+import types
+import typing
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+from swardmap.config import Config, config_from_dict, config_to_dict
+from swardmap.errors import ConfigError
+from swardmap.settings import Checked, build, setting
+
+LEFT_OUT = frozenset(
+    {"output", "camera", "source.format", "source.start", "source.stop", "source.every",
+     "source.label_table", "source.level"}
+)  # fmt: skip
+"""Sections and settings of the configuration that mean nothing to a node: those of recordings and files."""
+
+
+@dataclass(frozen=True)
+class NodeConfig(Checked):
+    """What only a node needs."""
+
+    rig_file: str | None = setting(None, "YAML file that names the cameras (docs/rig.md); none = one camera")
+    pose_source: str = setting(
+        "auto",
+        "where poses come from; auto: the odometry if source.odometry_topic is set, else tf; "
+        "none: each frame is a map of its own in the frame base",
+        choices=("auto", "tf", "odometry", "none"),
+    )
+    pose_wait_ms: float = setting(300.0, "how long an image waits for its pose", minimum=0, maximum=10_000)
+    image_reliability: str = setting(
+        "best_effort", "of image subscriptions", choices=("best_effort", "reliable")
+    )
+    image_depth: int = setting(2, "images that DDS holds for each subscription", minimum=1, maximum=1000)
+    queue_frames: int = setting(
+        2, "frames that wait for the mapper; when it is full the oldest is dropped", minimum=1, maximum=1000
+    )
+    map_rate_hz: float = setting(5.0, "maps a second at most", minimum=0.1, maximum=100)
+    full_map_s: float = setting(
+        2.0, "a whole map that often, updates of what changed between; 0 = always whole", minimum=0
+    )
+    organised_cloud: bool = setting(False, "one point a pixel, NaN where there is none")
+    save_folder: str = setting("swardmap_maps", "where the service save writes: one new folder a call")
+    autostart: bool = setting(True, "configure and activate at once; false: a lifecycle manager does it")
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """All parameters of the node."""
+
+    node: NodeConfig = field(default_factory=NodeConfig)
+    config: Config = field(default_factory=Config)
+
+
+@dataclass(frozen=True, slots=True)
+class Declaration:
+    """One parameter as it is declared to ROS.
+
+    Attributes:
+        name: dotted, such as `grid.resolution_m`.
+        value: default; a list for pairs of numbers; None = no value.
+        about: what it is for, and what it may be.
+        optional: whether it may be without a value, or get one of another type.
+        minimum, maximum: limits of a number, or None.
+    """
+
+    name: str
+    value: Any
+    about: str
+    optional: bool
+    minimum: float | None
+    maximum: float | None
+
+
+def declarations(parameters: Parameters) -> tuple[Declaration, ...]:
+    """Every parameter, with the values given as defaults."""
+    return (*_walk(parameters.node, ""), *_walk(parameters.config, ""))
+
+
+def _walk(section: Any, prefix: str) -> Iterator[Declaration]:
+    hints = typing.get_type_hints(type(section))
+    for f in fields(section):
+        name, value = f"{prefix}{f.name}", getattr(section, f.name)
+        if name in LEFT_OUT:
+            continue
+        if dataclasses.is_dataclass(value):
+            yield from _walk(value, f"{name}.")
+            continue
+        optional = isinstance(hints[f.name], types.UnionType)
+        choices = f.metadata["choices"]
+        about = f.metadata["about"] + (f" ({', '.join(choices)})" if choices else "")
+        plain = list(value) if isinstance(value, tuple) else value
+        limits = f.metadata["minimum"], f.metadata["maximum"]
+        yield Declaration(name, plain, about, optional, *limits)
+
+
+def parameters_from(values: Mapping[str, Any], base: Parameters | None = None) -> Parameters:
+    """Parameters with some of their values replaced.
+
+    Args:
+        values: by dotted name; None = none.
+        base: what the others are; None = the defaults.
+
+    Raises:
+        ConfigError: for an unknown name (with the nearest known one), a wrong type, a value out of range,
+            or settings that contradict each other.
+    """
+    base = base or Parameters()
+    own = {f.name for f in fields(NodeConfig)}
+    tree = config_to_dict(base.config)
+    of_node = dataclasses.asdict(base.node)
+    for name, value in values.items():
+        plain = value if value is None or isinstance(value, (str, bool, int, float)) else list(value)
+        if name in own:
+            of_node[name] = plain
+            continue
+        *sections, last = name.split(".")
+        place = tree
+        for key in sections:
+            place = place.setdefault(key, {})
+            if not isinstance(place, dict):
+                raise ConfigError(f"unknown setting '{name}'")
+        place[last] = plain
+    node = build(NodeConfig, of_node)
+    assert isinstance(node, NodeConfig)  # noqa: S101 - narrows the type
+    config = config_from_dict(tree)
+    _check_road(config)
+    return Parameters(node, config)
+
+
+def _check_road(config: Config) -> None:
+    """What the fused road would refuse at the first frame is refused here."""
+    if config.road == "fused" and (config.cloud.voxel_m > 0 or config.cloud.outliers != "none"):
+        raise ConfigError("cloud.voxel_m and cloud.outliers need road: staged, the fused road has neither")
+
+
+ANEW = "the map would have to begin anew: set it in the parameter file, or cleanup and configure the node"
+SUBSCRIBED = "topics are chosen when the node is configured: set it in the parameter file, or cleanup first"
+LOADED = "the network is loaded when the node is configured: set it in the parameter file, or cleanup first"
+
+REFUSALS: Mapping[str, str] = {
+    "segmenter.name": LOADED, "segmenter.threads": LOADED, "segmenter.provider": LOADED,
+    "source": SUBSCRIBED, "rig_file": SUBSCRIBED, "mount": SUBSCRIBED, "pose_source": SUBSCRIBED,
+    "image_reliability": SUBSCRIBED, "image_depth": SUBSCRIBED, "queue_frames": SUBSCRIBED,
+    "autostart": "the node has started",
+    "grid": ANEW, "evidence": ANEW, "area": ANEW,
+    "watchdog": "the watchdog's memory would not fit its new thresholds: cleanup and configure the node",
+}  # fmt: skip
+"""Why a section or setting is not changed while the node is configured."""
+
+FREE_IN_PAPER_MODE = frozenset({"grid.min_points", "grid.min_grass_points"})
+"""Read for each frame; in the mode `evidence` the map is built on them."""
+
+
+def refusal(name: str, config: Config) -> str | None:
+    """Why a parameter cannot be changed while the node is configured; None if it can."""
+    if name in FREE_IN_PAPER_MODE and config.grid.mode == "paper":
+        return None
+    reason = REFUSALS.get(name) or REFUSALS.get(name.split(".")[0])
+    if name == "cloud.min_height_m" and config.grid.mode == "evidence":
+        reason = ANEW  # the lowest ground there may be is part of the evidence
+    return None if reason is None else f"{name} cannot be changed now: {reason}"
+
+
+def changed(parameters: Parameters, values: Mapping[str, Any], configured: bool) -> Parameters:
+    """The parameters after a change at run time.
+
+    Args:
+        parameters: as they are.
+        values: to set, by name; one that stays as it is does not count as a change.
+        configured: whether the node is (else everything may change).
+
+    Raises:
+        ConfigError: for a value that is not allowed, or a setting that cannot change now, with the reason.
+    """
+    after = parameters_from(values, parameters)
+    if not configured:
+        return after
+    old, new = ({d.name: d.value for d in declarations(p)} for p in (parameters, after))
+    for name in values:
+        reason = refusal(name, parameters.config) if old.get(name) != new.get(name) else None
+        if reason is not None:
+            raise ConfigError(reason)
+    return after

@@ -1,0 +1,131 @@
+"""Where the cameras were when their images were taken, from /tf and /tf_static or odometry as they come."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from swardmap.config import SourceConfig
+from swardmap.errors import InputError
+from swardmap.geometry import Pose
+from swardmap.io.bag_poses import MAP_FRAMES, add_message
+from swardmap.io.ros_messages import stamp_ns, vectors
+from swardmap.io.tf import ALWAYS_NS, TransformBuffer
+
+MEMORY_NS = 10_000_000_000
+"""Transforms older than this are forgotten, as tf2 does."""
+
+
+class LivePoses:
+    """The transforms so far, and lookups at the stamps of images; never the latest in place of the right one.
+
+    Args:
+        config: `map_frame`, `pose_tolerance_ms`.
+    """
+
+    def __init__(self, config: SourceConfig) -> None:
+        self.refused: dict[str, int] = {}
+        self._buffer = TransformBuffer()
+        self._static: dict[str, tuple[str, str, Sequence[float], Sequence[float]]] = {}
+        self._map_frame = config.map_frame.strip("/") if config.map_frame else None
+        self._base_frame: str | None = None
+        self._tolerance_ns = round(config.pose_tolerance_ms * 1e6)
+        self._newest_ns = 0
+
+    @property
+    def map_frame(self) -> str | None:
+        """The frame of the map; None until it is known."""
+        return self._map_frame
+
+    @property
+    def base_frame(self) -> str | None:
+        """The frame that the odometry moves; None without odometry."""
+        return self._base_frame
+
+    def add_odometry(self, message: Any) -> None:
+        """Take a nav_msgs/Odometry."""
+        self._base_frame = message.child_frame_id.strip("/")
+        self._map_frame = self._map_frame or message.header.frame_id.strip("/")
+        self._take(message)
+        self._forget(stamp_ns(message.header.stamp))
+
+    def add_tf(self, message: Any) -> None:
+        """Take a message of /tf."""
+        self._take(message)
+        self._forget(max((stamp_ns(t.header.stamp) for t in message.transforms), default=0))
+
+    def add_tf_static(self, message: Any) -> None:
+        """Take a message of /tf_static."""
+        for item in message.transforms:
+            place, turn = vectors(item.transform.translation, item.transform.rotation)
+            self._add_static(item.header.frame_id, item.child_frame_id, place, turn)
+
+    def add_mount(self, base_frame: str, optical_frame: str, T_base_camera: Pose) -> bool:
+        """Take where a camera sits from the rig or the configuration, if tf does not say.
+
+        Returns:
+            Whether it was needed.
+        """
+        if optical_frame in self._buffer.frames and self._buffer.connected(base_frame, optical_frame):
+            return False
+        from scipy.spatial.transform import Rotation
+
+        turn = Rotation.from_matrix(T_base_camera.matrix[:3, :3]).as_quat()
+        return self._add_static(base_frame, optical_frame, T_base_camera.position_m.tolist(), turn.tolist())
+
+    def knows(self, frame: str) -> bool:
+        """Whether a frame was heard of."""
+        return frame.strip("/") in self._buffer.frames
+
+    def lookup(self, frame: str, at_ns: int) -> Pose | None:
+        """T_map_frame at a time; None if it is not known (yet)."""
+        for map_frame in self._candidates():
+            try:
+                pose = self._buffer.lookup(map_frame, frame, at_ns, self._tolerance_ns)
+            except InputError as error:
+                self._refuse(error)
+                return None
+            if pose is not None:
+                self._map_frame = map_frame  # a map does not change its frame
+                return pose
+        return None
+
+    def newest_ns(self, frame: str) -> int | None:
+        """Newest time at which a lookup of a frame can succeed; None if never, ALWAYS_NS if nothing moves."""
+        found = [self._buffer.newest_ns(map_frame, frame) for map_frame in self._candidates()]
+        return next((newest for newest in found if newest is not None), None)
+
+    def between(self, parent: str, child: str) -> Pose | None:
+        """T_parent_child of two frames of one camera, which do not move against each other."""
+        if parent == child:
+            return Pose.identity(parent, child)
+        newest = self._buffer.newest_ns(parent, child)
+        return None if newest is None else self._buffer.lookup(parent, child, newest, ALWAYS_NS)
+
+    def _add_static(self, parent: str, child: str, place: Sequence[float], turn: Sequence[float]) -> bool:
+        try:
+            self._buffer.add_static(parent, child, place, turn)
+        except InputError as error:
+            self._refuse(error)
+            return False
+        self._static[child.strip("/")] = parent, child, place, turn
+        return True
+
+    def _candidates(self) -> tuple[str, ...]:
+        return (self._map_frame,) if self._map_frame else MAP_FRAMES
+
+    def _take(self, message: Any) -> None:
+        try:
+            add_message(self._buffer, message)
+        except InputError as error:
+            self._refuse(error)
+
+    def _forget(self, newest_ns: int) -> None:
+        if newest_ns < self._newest_ns - MEMORY_NS:  # the clock went back: what was to come is not true
+            self._buffer = TransformBuffer()
+            for transform in self._static.values():
+                self._buffer.add_static(*transform)
+            self._newest_ns = newest_ns
+        self._newest_ns = max(self._newest_ns, newest_ns)
+        self._buffer.forget_before(self._newest_ns - MEMORY_NS)
+
+    def _refuse(self, error: InputError) -> None:
+        self.refused[str(error)] = self.refused.get(str(error), 0) + 1

@@ -1,0 +1,298 @@
+"""What a configured node holds: cameras, poses, queue and map; told of messages and time, ROS is not needed.
+
+`on_*` and `check` are for the thread of the callbacks, `process` for the worker.
+"""
+
+from collections import Counter, deque
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from swardmap.errors import ConfigError, SwardmapError
+from swardmap.geometry import Pose
+from swardmap.health import Diagnosis, Fault, HealthReport, Severity
+from swardmap.io.pairing import COLOR
+from swardmap.io.ros_messages import pose_from_odometry, stamp_ns
+from swardmap.io.tf import ALWAYS_NS
+from swardmap.pipeline import Segmenter, StepResult, configured_mount
+from swardmap.rig import Rig
+from swardmap.ros.engine import Engine
+from swardmap.ros.frame_queue import FrameQueue
+from swardmap.ros.inputs import CameraInput, CameraPair, camera_topics
+from swardmap.ros.parameters import Parameters
+from swardmap.ros.poses import LivePoses
+from swardmap.travel import ActiveCameras
+
+ONLY_CAMERA = "camera"
+"""Name of the camera where there is no rig."""
+
+BASE_FRAME = "base_link"
+"""What a configured mount is measured in, where neither rig nor odometry names it."""
+
+WAITING_PAIRS = 30
+"""Images that wait for their pose at most."""
+
+CLOCK_BACK_NS = 1_000_000_000
+"""A camera whose stamps go back further has a new clock: a recording begins anew, a simulation was reset."""
+
+REASON_POSE = "no pose of the camera at the time of the image"
+REASON_VIEW = "no transform between colour and depth camera"
+REASON_DAMAGED = "image that cannot be used"
+REASON_WAITING = "image that waited for its pose when too many did"
+REASON_QUEUE = "frame dropped by a full queue, the oldest first"
+REASON_PAUSED = "image while the node was paused"
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """Images whose pose is known, for the worker."""
+
+    pair: CameraPair
+    T_map_camera: Pose | None
+    T_color_depth: Pose | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mapped:
+    """What one pair of images gave."""
+
+    pair: CameraPair
+    step: StepResult
+
+
+class Session:
+    """Everything between the subscriptions and the publishers.
+
+    Args:
+        parameters: of the node.
+        segmenter: for all cameras.
+        rig: cameras; None = one, by `source` and `mount` of the configuration.
+
+    Raises:
+        ConfigError: if parameters contradict each other.
+    """
+
+    def __init__(self, parameters: Parameters, segmenter: Segmenter, rig: Rig | None = None) -> None:
+        config = parameters.config
+        self.parameters, self.rig = parameters, rig
+        self.paused = False
+        self.last_error = self.failure = ""
+        self.report: HealthReport | None = None
+        self._mapped_ns: int | None = None
+        self.posed = parameters.node.pose_source != "none"
+        if rig is not None and not self.posed:
+            raise ConfigError("pose_source none: a rig needs poses, or its cameras cannot share a map")
+        self.from_odometry = parameters.node.pose_source == "odometry" or (
+            parameters.node.pose_source == "auto" and config.source.odometry_topic is not None
+        )
+        if self.from_odometry and config.source.odometry_topic is None:
+            raise ConfigError("pose_source odometry: set source.odometry_topic")
+        if not self.posed:  # nobody can lose what was never there
+            config = replace(config, watchdog=replace(config.watchdog, pose_s=None))
+        cameras = {ONLY_CAMERA: None} if rig is None else {c.name: c for c in rig.cameras}
+        self.inputs: Mapping[str, CameraInput] = {
+            name: CameraInput(name, camera_topics(config.source, camera), config.source)
+            for name, camera in cameras.items()
+        }
+        self._mounts = {name: self._mount_of(name) for name in cameras}
+        self.active = None if rig is None else ActiveCameras(rig)
+        self.poses = LivePoses(config.source)
+        self.queue = FrameQueue[Job](parameters.node.queue_frames)
+        self.engine = Engine(config, segmenter, self._mounts)
+        self._skipped: Counter[str] = Counter()
+        self._waiting: deque[CameraPair] = deque()
+        self._newest_ns: dict[str, int] = {}
+        self._optical: dict[str, str] = {}
+
+    @property
+    def active_names(self) -> tuple[str, ...]:
+        """Cameras that are processed now."""
+        return tuple(self.inputs) if self.active is None else self.active.names
+
+    @property
+    def skipped(self) -> dict[str, int]:
+        """What did not reach the map, by reason."""
+        total = Counter(self._skipped) + Counter(self.engine.left_out)
+        for camera in self.inputs.values():
+            total += Counter(camera.skipped)
+        total[REASON_QUEUE] = self.queue.dropped
+        return {reason: count for reason, count in total.items() if count}
+
+    def on_info(self, camera: str, kind: str, message: Any) -> None:
+        """Take a CameraInfo."""
+        try:
+            self.inputs[camera].add_info(kind, message)
+        except SwardmapError as error:
+            self._damaged(error)
+
+    def on_image(self, camera: str, kind: str, message: Any, now_ns: int) -> None:
+        """Take an image; one of a camera that looks the other way is dropped before it costs anything."""
+        is_color = kind == COLOR
+        if self.paused:
+            self._skipped[REASON_PAUSED] += is_color
+            return
+        if self.active is not None:
+            admitted = self.active.admits(camera) if is_color else camera in self.active.names
+            if not admitted:
+                return
+        self._check_clock(camera, kind, stamp_ns(message.header.stamp))
+        for pair in self.inputs[camera].add_image(kind, message, now_ns):
+            self._optical[camera] = pair.color_frame
+            self._waiting.append(pair)
+            if len(self._waiting) > WAITING_PAIRS:
+                self._waiting.popleft()
+                self._skipped[REASON_WAITING] += 1
+        self.release(now_ns)
+
+    def on_odometry(self, message: Any, now_ns: int) -> None:
+        """Take an odometry: it moves the robot, and tells the direction of travel."""
+        self.poses.add_odometry(message)
+        if self.active is not None:
+            try:
+                self.active.selector.step_pose(stamp_ns(message.header.stamp), pose_from_odometry(message))
+            except SwardmapError as error:
+                self._damaged(error)
+        self.release(now_ns)
+
+    def on_tf(self, message: Any, static: bool, now_ns: int) -> None:
+        """Take a message of /tf or /tf_static."""
+        if static:
+            self.poses.add_tf_static(message)
+        else:
+            self.poses.add_tf(message)
+        self.release(now_ns)
+
+    def release(self, now_ns: int) -> None:
+        """Hand over the images whose pose is known now, and give up those that waited too long."""
+        wait_ns = round(self.parameters.node.pose_wait_ms * 1e6)
+        waiting, self._waiting = self._waiting, deque()
+        for pair in waiting:
+            overdue = now_ns - pair.arrival_ns >= wait_ns
+            if pair.camera not in self.active_names:
+                continue
+            T_map_camera = self._pose_of(pair, overdue)
+            if T_map_camera is None and self.posed:
+                if overdue:
+                    self._skipped[REASON_POSE] += 1
+                else:
+                    self._waiting.append(pair)
+                continue
+            self._hand_over(pair, T_map_camera)
+
+    def process(self, timeout_s: float) -> Mapped | None:
+        """Map the next frame (the worker); None if none came, or it cannot be used."""
+        job = self.queue.get(timeout_s)
+        if job is None:
+            return None
+        pair = job.pair
+        try:
+            frame = self.inputs[pair.camera].build_frame(pair, job.T_map_camera, job.T_color_depth)
+            step = self.engine.map_frame(pair.camera, frame, pair.arrival_ns)
+        except SwardmapError as error:
+            self._damaged(error)
+            return None
+        return None if step is None else Mapped(pair, step)
+
+    def mapped(self, pair: CameraPair, now_ns: int) -> None:
+        """Say that a pair of images is in the map now (the worker)."""
+        self._mapped_ns = now_ns
+        self.engine.observe_mapped(pair.stamp_ns, now_ns)
+
+    def check(self, now_ns: int) -> HealthReport:
+        """Say what is wrong now; call it about ten times a second."""
+        self.release(now_ns)
+        active = self.active_names
+        self._observe_poses(now_ns, active)
+        self.engine.observe_queue(len(self.queue), self.queue.capacity, now_ns)
+        self.report = self._with_idle_map(self.engine.check(now_ns, active))
+        return self.report
+
+    def clear(self) -> None:
+        """Forget the map and all that waits for it."""
+        self._waiting.clear()
+        self.queue.clear()
+        self.engine.clear()
+
+    def fail(self, reason: str) -> None:
+        """Say that a thread of the node has ended: nothing will be mapped again."""
+        self.failure = reason
+
+    def _with_idle_map(self, report: HealthReport) -> HealthReport:
+        """The report, with a stop if nothing reaches the map, whatever the cameras look like.
+
+        That is so while the node is paused, if a network fails on each frame, or after a failure.
+        """
+        config, now_ns = self.engine.config.watchdog, report.stamp_ns
+        if self._mapped_ns is None or self._mapped_ns > now_ns:  # not yet, or the clock went back
+            self._mapped_ns = now_ns
+        idle_s = (now_ns - self._mapped_ns) / 1e9
+        if not self.failure and idle_s <= config.stopped_s + config.stale_s:
+            return report
+        text = self.failure or f"nothing was mapped for {idle_s:.2f} s" + (": paused" if self.paused else "")
+        diagnosis = Diagnosis(Fault.STALE, Severity.STOP, "map", text)
+        forget_ns = now_ns - round(config.forget_s * 1e9)
+        before_ns = max(forget_ns, report.forget_before_ns or forget_ns)
+        found = (*report.diagnoses, diagnosis)
+        return replace(report, diagnoses=found, stop=True, forget_before_ns=before_ns)
+
+    def _hand_over(self, pair: CameraPair, T_map_camera: Pose | None) -> None:
+        T_color_depth = self.poses.between(pair.color_frame, pair.depth_frame)
+        if T_color_depth is None and not self.inputs[pair.camera].is_aligned:
+            self._skipped[REASON_VIEW] += 1
+            return
+        if T_color_depth is not None and np.array_equal(T_color_depth.matrix, np.eye(4)):
+            T_color_depth = None
+        self.queue.put(Job(pair, T_map_camera, T_color_depth))
+
+    def _pose_of(self, pair: CameraPair, overdue: bool) -> Pose | None:
+        if not self.posed:
+            return None
+        pose = self.poses.lookup(pair.color_frame, pair.stamp_ns)
+        mount = self._mounts[pair.camera]
+        if pose is not None or mount is None or self.poses.knows(pair.color_frame):
+            return pose
+        base = self.poses.base_frame if self.from_odometry else self._base_frame if overdue else None
+        if base is not None and self.poses.add_mount(base, pair.color_frame, mount):
+            return self.poses.lookup(pair.color_frame, pair.stamp_ns)
+        return None
+
+    @property
+    def _base_frame(self) -> str:
+        return BASE_FRAME if self.rig is None else self.rig.base_frame
+
+    def _mount_of(self, name: str) -> Pose | None:
+        if self.rig is not None:
+            return self.rig.T_base_camera(name)
+        return configured_mount(self.parameters.config.mount)
+
+    def _check_clock(self, camera: str, kind: str, stamp: int) -> None:
+        key = f"{camera}/{kind}"
+        if stamp < self._newest_ns.get(key, stamp) - CLOCK_BACK_NS:
+            self._newest_ns.clear()
+            for each in self.inputs.values():
+                each.restart()
+            self.clear()
+        self._newest_ns[key] = max(stamp, self._newest_ns.get(key, stamp))
+
+    def _observe_poses(self, now_ns: int, active: tuple[str, ...]) -> None:
+        if self.active is not None and not self.from_odometry:
+            self._step_direction()
+        frames = [self._optical[name] for name in active if name in self._optical]
+        stamps = [s for f in frames if (s := self.poses.newest_ns(f)) is not None]
+        if stamps:
+            newest = min(stamps)  # of several cameras the one that is worst off
+            self.engine.observe_pose(now_ns if newest == ALWAYS_NS else newest)
+
+    def _step_direction(self) -> None:
+        """Direction of travel by tf; odometry tells it when it comes."""
+        base = self._base_frame
+        newest = self.poses.newest_ns(base)
+        pose = None if newest is None else self.poses.lookup(base, newest)
+        if self.active is not None and newest is not None and pose is not None:
+            self.active.selector.step_pose(newest, pose)
+
+    def _damaged(self, error: SwardmapError) -> None:
+        self._skipped[REASON_DAMAGED] += 1
+        self.last_error = str(error)
