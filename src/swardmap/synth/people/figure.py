@@ -20,7 +20,7 @@ from swardmap.synth.people.head import (
     tail,
 )
 from swardmap.synth.people.outfit import clothes, cut_of, skin_left
-from swardmap.synth.people.poses import angles_of, turns_of
+from swardmap.synth.people.poses import angles_of, reaches, turns_of
 from swardmap.synth.people.skeleton import bones_of
 from swardmap.synth.people.worn import Figure, meshes_of, put_down
 
@@ -99,7 +99,8 @@ def person(rng: np.random.Generator, assets: Assets, pose: str, group: str | Non
     figure = figure_of(rng, assets, group, lies=pose.startswith("lying"))
     angles = angles_of(pose, rng)
     turns, level = turns_of(angles)
-    meshes, points = meshes_of(figure, bones_of(figure.body, turns, level=level))
+    bones = bones_of(figure.body, turns, reaches(angles, figure.body.height_m), level)
+    meshes, points = meshes_of(figure, bones)
     seat = _seat_m(figure.body, points, meshes) if pose == "sitting" else 0.0
     model = Model(f"person-{pose}-{int(rng.integers(2**62)):x}", put_down(meshes, points))
     return Person(model, pose, seat, figure.body.height_m, figure.body.group)

@@ -68,7 +68,7 @@ def face(rng: np.random.Generator, body: Body, tone: RGB, hair: RGB, bearded: bo
     )
     lash = up - 0.0062 * (1 - (side / 0.018) ** 2)
     blend((np.abs(side) < 0.017) * (1.5 - np.abs(lash) / 0.002), skin * 0.22, 0.9)
-    arch = up - 0.021 + 6.0 * (side - 0.004) ** 2 * 1.5
+    arch = up - 0.0215 + 5.0 * side**2 - 0.06 * side
     blend((np.abs(side) < 0.021) * (1.5 - np.abs(arch) / 0.0036), np.array(hair) * 0.8, 0.85)
     image = image * (1 + 0.025 * rng.standard_normal((HEIGHT, WIDTH, 1)))
     rgba = np.full((HEIGHT, WIDTH, 4), 255, np.uint8)

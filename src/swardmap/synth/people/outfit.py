@@ -66,7 +66,13 @@ def folds(rng: np.random.Generator, shell: Shell, depth_m: float) -> Float64Arra
 
 
 def garment(
-    rng: np.random.Generator, shell: Shell, slack: Level, material: Material, what: str, fold_m: float = 0.006
+    rng: np.random.Generator,
+    shell: Shell,
+    slack: Level,
+    material: Material,
+    what: str,
+    fold_m: float = 0.006,
+    hem_m: float = 0.012,
 ) -> Worn:
     """Cloth over a cut shell: smoothed, lifted by `slack`, folded, with hems."""
     fine = finer(shell)
@@ -76,7 +82,7 @@ def garment(
     loose = replace(
         fine, xyz=xyz + n * np.maximum(lift, 0.003)[:, None], weights=smoothed(fine.weights, fine, 2)
     )
-    return worn_cloth(hemmed(loose, 0.007), material, what)
+    return worn_cloth(hemmed(loose, hem_m), material, what)
 
 
 def top(rng: np.random.Generator, body: Body, cut: Cut, material: Material, extra_m: float = 0.0, what: str = "top") -> Worn:  # fmt: skip
@@ -87,10 +93,10 @@ def top(rng: np.random.Generator, body: Body, cut: Cut, material: Material, extr
 
     def slack(s: Shell) -> Float64Array:
         arm = np.clip(s.along[:, ARM], 0, 2)
-        low = np.clip((0.55 - s.along[:, TRUNK]) / 0.6, 0, 1)
+        low = np.clip((0.55 - s.along[:, TRUNK]) / 0.6, 0, 1) * (1 if cut.legs else -0.4)
         return cut.slack_m * (0.7 + 0.35 * arm) + 0.012 * low * (s.along[:, ARM] < 0) + extra_m
 
-    return garment(rng, shell, slack, material, what)
+    return garment(rng, shell, slack, material, what, hem_m=0.02 if cut.sleeve < 1.5 else 0.012)
 
 
 def trousers(rng: np.random.Generator, body: Body, cut: Cut, material: Material) -> Worn:
@@ -102,7 +108,7 @@ def trousers(rng: np.random.Generator, body: Body, cut: Cut, material: Material)
     def slack(s: Shell) -> Float64Array:
         return 0.004 + 0.006 * (s.along[:, LEG] > 0.1) + flare * np.clip(s.along[:, LEG] - 0.15, 0, 1.2)
 
-    return garment(rng, shell, slack, material, "trousers", 0.005)
+    return garment(rng, shell, slack, material, "trousers", 0.005, 0.03 if cut.legs < 1.6 else 0.015)
 
 
 def skirt(rng: np.random.Generator, body: Body, cut: Cut, material: Material) -> Worn:
@@ -116,7 +122,9 @@ def skirt(rng: np.random.Generator, body: Body, cut: Cut, material: Material) ->
     around = np.arctan2(shell.xyz[:, 1], shell.xyz[:, 0])
     pleats = np.sin(around * int(rng.integers(7, 15)) + rng.uniform(0, 6.3)) * 0.02 * down
     shell = replace(
-        shell, xyz=shell.xyz + n * (0.012 + pleats)[:, None], weights=smoothed(shell.weights, shell, 8)
+        shell,
+        xyz=shell.xyz + n * (0.02 + 0.5 * cut.slack_m + pleats)[:, None],
+        weights=smoothed(shell.weights, shell, 8),
     )
     return worn_cloth(lined(shell, 0.004), material, "skirt")
 

@@ -29,6 +29,8 @@ class Angles:
         curl: fingers, 0 straight, 90 a fist.
         vary: standard deviation of what chance adds to each angle.
         flat: feet are level, whatever the legs do.
+        hands: where both wrists reach to, seen from the pelvis: ahead, to each side, up; in shares of the
+            height of the body. Instead of arm_l and arm_r.
     """
 
     root: Three = (0, 0, 0)
@@ -38,13 +40,12 @@ class Angles:
     arm_r: Five = (6, 9, 10, 14, 10)
     leg_l: Five = (1, 3, 7, 2, 0)
     leg_r: Five = (1, 3, 7, 2, 0)
-    curl: float = 25
+    curl: float = 32
     vary: float = 3.0
     flat: bool = True
+    hands: Three | None = None
 
 
-_BOX = (35, 12, 25, 70, -60)
-_BAR = (38, 8, 15, 38, 60)
 POSES: dict[str, tuple[Angles, ...]] = {
     "standing": (
         Angles(),
@@ -89,8 +90,8 @@ POSES: dict[str, tuple[Angles, ...]] = {
     "lying_back": (
         Angles((-90, 0, 0), (2, 0, 0), (12, 0, 8), (4, 24, 0, 10, 20), (4, 30, 0, 16, 20),
                (2, 8, 22, 4, -25), (3, 8, 20, 6, -25), flat=False),
-        Angles((-90, 0, 0), (2, 0, 0), (14, 0, 0), (6, 36, 0, 18, 20), (38, 28, 50, 100, 20),
-               (46, 8, 4, 92, -2), (2, 8, 18, 4, -25), flat=False),
+        Angles((-90, 0, 0), (2, 0, 0), (14, 0, 0), (6, 36, 0, 18, 20), (28, 28, 60, 100, 20),
+               (26, 8, 4, 52, -2), (2, 8, 18, 4, -25), flat=False),
     ),
     "lying_side": (
         Angles((-90, 0, 90), (10, 0, 0), (10, 0, 0), (82, 8, 0, 60, 0), (46, -6, 10, 50, 20),
@@ -101,8 +102,8 @@ POSES: dict[str, tuple[Angles, ...]] = {
     "lying_front": (
         Angles((90, 0, 0), (-3, 0, 0), (-18, 0, 50), (40, 128, 0, 48, 0), (0, 22, 0, 12, 60),
                (-2, 10, 12, 8, -48), (-2, 12, 20, 14, -48), flat=False),
-        Angles((90, 0, 0), (-16, 0, 0), (-22, 0, 0), (118, 22, 30, 78, 40), (118, 22, 30, 82, 40),
-               (-4, 8, 6, 6, -50), (-4, 8, 6, 70, -40), flat=False),
+        Angles((90, 0, 0), (-9, 0, 0), (-16, 0, 0), (112, 22, 30, 84, 40), (112, 22, 30, 88, 40),
+               (-4, 8, 6, 6, -50), (-4, 8, 6, 24, -45), flat=False),
     ),
     "waving": (
         Angles(arm_r=(20, 96, -95, 82, 0), head=(2, 0, -6), curl=8),
@@ -112,11 +113,15 @@ POSES: dict[str, tuple[Angles, ...]] = {
         Angles(arm_r=(82, 10, 0, 6, 60), head=(6, 0, -8), curl=45),
         Angles(arm_l=(64, 42, 0, 8, 60), head=(4, 0, 22), leg_r=(-8, 4, 8, 4, 0), curl=45),
     ),
-    "carrying": (Angles(arm_l=_BOX, arm_r=_BOX, trunk=(-3, 0, 0), curl=35, vary=1.5),),
+    "carrying": (
+        Angles(trunk=(-3, 0, 0), curl=35, vary=1.5, hands=(0.2, 0.1, 0.1)),
+        Angles(trunk=(-4, 0, 0), leg_l=(8, 3, 6, 10, 0), curl=35, vary=1.5, hands=(0.19, 0.11, 0.05)),
+    ),
     "pushing": (
-        Angles((9, 0, 0), (6, 0, 0), (0, 0, 0), _BAR, _BAR, (20, 3, 5, 14, 0), (-14, 3, 5, 12, 0), curl=75, vary=1.5),
-        Angles((14, 0, 0), (10, 0, 0), (-6, 0, 0), (52, 8, 15, 30, 60), (52, 8, 15, 30, 60),
-               (-18, 3, 5, 10, 0), (28, 3, 5, 28, 0), curl=75, vary=1.5),
+        Angles((9, 0, 0), (6, 0, 0), (0, 0, 0), leg_l=(20, 3, 5, 14, 0), leg_r=(-14, 3, 5, 12, 0), curl=75,
+               vary=1.5, hands=(0.3, 0.13, 0.04)),
+        Angles((14, 0, 0), (10, 0, 0), (-6, 0, 0), leg_l=(-18, 3, 5, 10, 0), leg_r=(28, 3, 5, 28, 0), curl=75,
+               vary=1.5, hands=(0.34, 0.12, 0.03)),
     ),
 }  # fmt: skip
 
@@ -139,7 +144,7 @@ def angles_of(pose: str, rng: np.random.Generator) -> Angles:
     root = base.root if lying else (base.root[0] + float(rng.normal(0, 1.5)), *base.root[1:])
     return Angles(
         root, off(base.trunk), off(base.head), off(base.arm_l), off(base.arm_r),  # type: ignore[arg-type]
-        off(base.leg_l), off(base.leg_r), base.curl + float(rng.normal(0, 8)), base.vary, base.flat,  # type: ignore[arg-type]
+        off(base.leg_l), off(base.leg_r), base.curl + float(rng.normal(0, 8)), base.vary, base.flat, base.hands,  # type: ignore[arg-type]
     )  # fmt: skip
 
 
@@ -179,4 +184,15 @@ def curled(side: str, degrees: float) -> dict[str, Float64Array]:
         f"fingers.{side}": turn("x", -sign * degrees * 0.8),
         f"tips.{side}": turn("x", -sign * degrees),
         f"thumb.{side}": turn("x", -sign * degrees * 0.4),
+    }
+
+
+def reaches(angles: Angles, height_m: float) -> dict[str, tuple[Float64Array, Float64Array]]:
+    """Goals of the arms for `bones_of`: hands at a bar or a box, elbows down and out."""
+    if angles.hands is None:
+        return {}
+    ahead, out, up = angles.hands
+    return {
+        f"upperarm.{s}": (np.array([ahead, sign * out, up]) * height_m, np.array([-0.3, sign * 0.5, -1.0]))
+        for s, sign in (("L", 1.0), ("R", -1.0))
     }

@@ -1,143 +1,125 @@
-"""Who is in the garden: people who stand, sit and lie, and those who walk."""
-
-from dataclasses import dataclass
+"""Who is in the garden: people who stand, sit and lie, and those who walk, ride and run."""
 
 import numpy as np
+from numpy.typing import NDArray
 
-from swardmap.labels import OTHER, PERSON, LabelClass
-from swardmap.synth.model import Actor, Float64Array, Ground, Material, Model, Thing
+from swardmap.labels import PERSON
+from swardmap.synth.assets import Assets
+from swardmap.synth.model import Actor, Float64Array, Ground, Thing
+from swardmap.synth.people.path import Mover, Path, walker
 from swardmap.synth.scene.areas import curve
-from swardmap.synth.scene.look import linear_of_hsv
-from swardmap.synth.scene.place import Footprint, Occupancy, footprint_of, tilted, upright
+from swardmap.synth.scene.figures import Stroller, figure, seat_under, somebody
+from swardmap.synth.scene.place import XY, Footprint, Occupancy, footprint_of, tilted, upright
 from swardmap.synth.scene.sites import Sites, jittered
 from swardmap.synth.scene.smalls import animal
-from swardmap.synth.shapes import cylinder, ellipsoid, model_of, moved, placed, sphere, tube
 
-HIDERS = ("shrub", "tree", "hedge", "fence", "raised bed", "bin")
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Stroller:
-    """Somebody or something stiff that goes along a closed way.
-
-    Attributes:
-        model: its shape.
-        kind: as in Thing.
-        label: class.
-        way_m: k x 2, closed: the last point is the first again.
-        speed_mps: along the way.
-        ground: to walk on.
-    """
-
-    model: Model
-    kind: str
-    label: LabelClass
-    way_m: Float64Array
-    speed_mps: float
-    ground: Ground
-
-    def at(self, stamp_ns: int) -> Thing:
-        """The thing at a time."""
-        steps = np.linalg.norm(np.diff(self.way_m, axis=0), axis=1)
-        along = np.concatenate([[0.0], np.cumsum(steps)])
-        s = (self.speed_mps * stamp_ns * 1e-9) % along[-1]
-        k = min(int(np.searchsorted(along, s, side="right")) - 1, len(steps) - 1)
-        x, y = self.way_m[k] + (self.way_m[k + 1] - self.way_m[k]) * (s - along[k]) / steps[k]
-        yaw = float(np.arctan2(*(self.way_m[k + 1] - self.way_m[k])[::-1]))
-        T = upright(self.ground, self.model, (float(x), float(y)), yaw)
-        return Thing(self.model, self.kind, T, self.label, "walking")
+HIDERS = ("shrub", "tree", "hedge", "fence", "raised bed", "bin", "wall", "trellis")
+COUNT_SHARES = (0.05, 0.17, 0.26, 0.26, 0.16, 0.1)  # of gardens with 0-5 people who keep their place
+HIDDEN_SHARE = 0.25
+WALKER_SHARES = (0.3, 0.45, 0.25)
+ROOM_M = 0.45  # on both sides of a way
 
 
 def people(
-    things: list[Thing], sites: Sites, ground: Ground, taken: Occupancy, rng: np.random.Generator
-) -> list[Thing]:
-    """0-5 people who keep their place: on the lawn, lying, and half behind things."""
-    found = []
-    for _ in range(int(rng.choice([0, 1, 2, 3, 4, 5], p=(0.05, 0.17, 0.26, 0.26, 0.16, 0.1)))):
-        pose = str(rng.choice(["standing", "crouching", "lying"], p=(0.6, 0.2, 0.2)))
-        hidden = rng.random() < 0.25 and pose != "lying"
-        model = figure(rng, pose)
+    things: list[Thing], sites: Sites, ground: Ground, taken: Occupancy, assets: Assets | None,
+    rng: np.random.Generator,
+) -> list[Thing]:  # fmt: skip
+    """0-5 people who keep their place: on the lawn, lying, sitting, and half behind things.
+
+    Args:
+        things: what stands already; somebody may hide behind it.
+        sites: of the lot.
+        ground: to stand on.
+        taken: footprints; those of the people and their seats are added.
+        assets: bodies and ready people, or None: plain figures.
+        rng: source of chance.
+    """
+    found: list[Thing] = []
+    for _ in range(int(rng.choice(6, p=COUNT_SHARES))):
+        model, pose, seat_m = somebody(rng, assets)
+        seat = seat_under(rng, model, seat_m) if seat_m > 0 else None
+        flat = pose.startswith("lying")
+        behind = [t for t in things if t.kind in HIDERS] if rng.random() < HIDDEN_SHARE and not flat else []
         where = sites.of("middle" if rng.random() < 0.6 else "lawn", 0.4)
-        behind = [t for t in things if t.kind in HIDERS] if hidden else []
-        for _ in range(12 if len(where) else 0):
-            xy, yaw = jittered(sites.xy[where[rng.integers(len(where))]], rng), float(rng.uniform(0, 6.28))
-            if behind:
-                spot, angle = behind[int(rng.integers(len(behind)))].T_map_model[:2, 3], rng.uniform(0, 6.28)
-                reach = rng.uniform(0.5, 1.1)
-                xy = (float(spot[0] + reach * np.cos(angle)), float(spot[1] + reach * np.sin(angle)))
+        for _ in range(14):
+            xy, yaw = _spot(rng, sites, where, behind), float(rng.uniform(0, 2 * np.pi))
             foot = footprint_of(model, xy, yaw)
-            if taken.gap_m(foot) > 0.05 and _inside(sites, xy):
-                stand = tilted if pose == "lying" else upright
-                found.append(Thing(model, "person", stand(ground, model, xy, yaw), PERSON, pose))
+            if taken.gap_m(foot) > 0.05 and on_lawn(sites, xy, 0.3):
+                T = (tilted if flat else upright)(ground, model, xy, yaw)
+                found.append(Thing(model, "person", T, PERSON, pose))
+                found += [Thing(seat, "seat", T)] if seat is not None else []
                 taken.take(foot)
                 break
     return found
 
 
-def walkers(sites: Sites, ground: Ground, taken: Occupancy, rng: np.random.Generator) -> list[Actor]:
+def moving(
+    sites: Sites, ground: Ground, taken: Occupancy, assets: Assets | None, rng: np.random.Generator
+) -> list[Actor]:
     """0-2 people and at times an animal that go round on the lawn, clear of things."""
     actors: list[Actor] = []
-    for _ in range(int(rng.integers(0, 3))):
-        way = round_way(sites, taken, rng, 0.45)
+    for _ in range(int(rng.choice(3, p=WALKER_SHARES))):
+        way = round_way(sites, taken, rng)
+        if way is not None and assets is not None and "people" in assets.array_names():
+            running = bool(rng.random() < 0.15)
+            actors.append(walker(rng, assets, Path(way, closed=True), ground, running=running))
+        elif way is not None:
+            model, speed = figure(rng, "standing"), float(rng.uniform(0.4, 1.4))
+            actors.append(Stroller(model, Path(way, closed=True), ground, speed))
+    if rng.random() < 0.35:
+        way = round_way(sites, taken, rng)
+        names = (
+            [] if assets is None else [n for kind in ("dog", "cat", "chicken") for n in assets.names(kind)]
+        )
+        names = [n for n in names if assets is not None and assets.entry(n).pose == "standing"]
+        pick = int(rng.integers(max(len(names), 1)))
+        model = assets.model(names[pick]) if assets is not None and names else animal(rng)
         if way is not None:
             actors.append(
-                Stroller(figure(rng, "standing"), "person", PERSON, way, float(rng.uniform(0.4, 1.4)), ground)
+                Mover(model, "animal", Path(way, closed=True), ground, float(rng.uniform(0.3, 1.5)))
             )
-    if rng.random() < 0.3:
-        way = round_way(sites, taken, rng, 0.45)
-        if way is not None:
-            actors.append(Stroller(animal(rng), "animal", OTHER, way, float(rng.uniform(0.3, 1.5)), ground))
     return actors
 
 
-def round_way(sites: Sites, taken: Occupancy, rng: np.random.Generator, room_m: float) -> Float64Array | None:
-    """A closed smooth way on the lawn with room on both sides, or None where there is none."""
-    where = sites.of("lawn", room_m)
+def round_way(sites: Sites, taken: Occupancy, rng: np.random.Generator) -> Float64Array | None:
+    """A closed smooth way on the lawn with room on both sides, or None where there is none.
+
+    Returns:
+        k x 2; the first point is not repeated.
+    """
+    where = sites.of("lawn", ROOM_M)
     for _ in range(30 if len(where) else 0):
         center = np.asarray(jittered(sites.xy[where[rng.integers(len(where))]], rng))
-        radius, n = rng.uniform(0.9, 4.0), 7
-        angle = np.linspace(0, 2 * np.pi, n, endpoint=False) * rng.choice([-1, 1]) + rng.uniform(0, 6.28)
-        knots = center + (radius * rng.uniform(0.6, 1.2, n))[:, None] * np.stack(
-            (np.cos(angle), np.sin(angle)), 1
-        )
-        way = curve(np.concatenate([knots[-2:], knots, knots[:2]]), 6)[6:-6]
-        way = np.concatenate([way[: 6 * n], way[:1]])
-        if all(
-            taken.gap_m(Footprint((float(x), float(y)), (room_m, room_m))) > 0 for x, y in way[::2]
-        ) and all(_inside(sites, (float(x), float(y)), room_m) for x, y in way[::2]):
+        n, sense, start = 7, rng.choice([-1, 1]), rng.uniform(0, 2 * np.pi)
+        angle = start + sense * np.arange(n) * 2 * np.pi / n
+        out = np.stack((np.cos(angle), np.sin(angle)), axis=1)
+        knots = center + rng.uniform(0.9, 4.0) * rng.uniform(0.6, 1.2, (n, 1)) * out
+        way = curve(np.concatenate([knots[-1:], knots, knots[:2]]), 6)[6 : 6 + 6 * n]
+        spots = [(float(x), float(y)) for x, y in way[::2]]
+        if all(taken.gap_m(Footprint(spot, (ROOM_M, ROOM_M))) > 0 for spot in spots) and all(
+            on_lawn(sites, spot, ROOM_M) for spot in spots
+        ):
             return way
     return None
 
 
-def figure(rng: np.random.Generator, pose: str) -> Model:
-    """A plain figure of simple solids, 1.0-1.9 m tall: where no better people are at hand."""
-    h = float(rng.choice([1.0, 1.3, 1.6, 1.75, 1.88]) * rng.uniform(0.96, 1.04))
-    skin = Material(((0.55, 0.33, 0.22), (0.3, 0.16, 0.09), (0.12, 0.06, 0.04))[int(rng.integers(3))])
-    shirt, trousers = (
-        Material(linear_of_hsv(rng.uniform(0, 360), rng.uniform(0, 0.7), rng.uniform(0.2, 0.8)))
-        for _ in range(2)
-    )
-    legs = [tube([(0, y * h, 0), (0, y * h, 0.48 * h)], 0.045 * h, 8, trousers) for y in (-0.055, 0.055)]
-    body = moved(ellipsoid((0.08 * h, 0.12 * h, 0.2 * h), 8, 14, shirt), placed(0, 0, 0.44 * h))
-    arms = [
-        tube([(0, y * h, 0.78 * h), (0.03 * h, 1.1 * y * h, 0.45 * h)], 0.028 * h, 7, skin)
-        for y in (-0.13, 0.13)
-    ]
-    head = moved(sphere(0.065 * h, 8, 12, skin), placed(0, 0, 0.86 * h))
-    neck = moved(cylinder(0.03 * h, 0.08 * h, 8, None, skin), placed(0, 0, 0.8 * h))
-    parts = [*legs, body, *arms, head, neck]
-    if pose == "crouching":
-        parts = [moved(part, placed(0, 0, 0, 0, (1.3, 1.2, 0.62))) for part in parts]
-    if pose == "lying":
-        down = np.array([[0, 0, 1.0, -h / 2], [0, 1, 0, 0], [-1, 0, 0, 0.085 * h], [0, 0, 0, 1]])
-        parts = [moved(part, down) for part in parts]
-        low = min(float(part.xyz[:, 2].min()) for part in parts)
-        parts = [moved(part, placed(0, 0, -low)) for part in parts]
-    return model_of("figure", parts)
-
-
-def _inside(sites: Sites, xy: tuple[float, float], room_m: float = 0.3) -> bool:
-    """Whether the nearest site lies on the lawn, within the lot."""
+def on_lawn(sites: Sites, xy: XY, room_m: float) -> bool:
+    """Whether the site nearest to a point lies that far within the lawn and the lot."""
     k = int(np.argmin(np.square(sites.xy - xy).sum(axis=1)))
     close = float(np.hypot(*(sites.xy[k] - xy))) < 0.2
     return bool(close and sites.edge_m[k] > room_m and sites.lawn_m[k] > room_m)
+
+
+def _spot(rng: np.random.Generator, sites: Sites, where: NDArray[np.intp], behind: list[Thing]) -> XY:
+    """Somewhere on the lawn, or an arm's length from something to hide behind."""
+    if behind:
+        thing, angle, reach = (
+            behind[int(rng.integers(len(behind)))],
+            rng.uniform(0, 2 * np.pi),
+            rng.uniform(0.5, 1.3),
+        )
+        x, y = thing.T_map_model[:2, 3]
+        return float(x + reach * np.cos(angle)), float(y + reach * np.sin(angle))
+    if not len(where):
+        return 1e6, 1e6
+    return jittered(sites.xy[where[rng.integers(len(where))]], rng)

@@ -14,7 +14,8 @@ from swardmap.synth.scene.stuff import leaves
 
 TRIES = 14
 MAX_ASSET_TRIANGLES = 24_000
-ASSET_SHARE = 0.85
+DRAWN_WEIGHT = 1.0  # a drawn kind counts like so many models of the bundle
+UNFIT = ("broom",)  # stands on its bristles
 
 
 def furnished(
@@ -44,7 +45,8 @@ def furnished(
         count = int(min(rng.poisson(recipe.mean * np.sqrt(area / 500)), 3 * recipe.mean + 2))
         models = [_model(recipe, assets, rng) for _ in range(min(recipe.variants, count))]
         for i in range(count):
-            thing = _placed(recipe, models[i % len(models)], sites, ground, taken, rng)
+            model = models[i % len(models)]
+            thing = None if model is None else _placed(recipe, model, sites, ground, taken, rng)
             if thing is not None:
                 things.append(thing)
     return things
@@ -91,17 +93,13 @@ def _tint(recipe: Recipe, rng: np.random.Generator) -> tuple[float, float, float
     return float(shade * (1 + warm)), float(shade), float(shade * (1 - warm))
 
 
-def _model(recipe: Recipe, assets: Assets | None, rng: np.random.Generator) -> Model:
-    """From the bundle where it has the kind, else drawn."""
+def _model(recipe: Recipe, assets: Assets | None, rng: np.random.Generator) -> Model | None:
+    """From the bundle where it has the kind, else drawn; the share from the bundle grows with what it has."""
     names: list[str] = []
     if assets is not None:
-        names = [
-            n
-            for kind in recipe.assets
-            for n in assets.names(kind)
-            if assets.entry(n).triangles < MAX_ASSET_TRIANGLES
-        ]
-    pick, ready = rng.random(), rng.random() < ASSET_SHARE
-    if assets is None or not names or not ready:
+        known = [name for kind in recipe.assets for name in assets.names(kind) if name not in UNFIT]
+        names = [name for name in known if assets.entry(name).triangles < MAX_ASSET_TRIANGLES]
+    pick, drawn = rng.random(), rng.random() > len(names) / (len(names) + DRAWN_WEIGHT)
+    if recipe.make is not None and (assets is None or not names or drawn):
         return recipe.make(rng)
-    return assets.model(names[int(pick * len(names))])
+    return assets.model(names[int(pick * len(names))]) if assets is not None and names else None

@@ -6,7 +6,7 @@ from swardmap.errors import InvalidValueError
 from swardmap.synth.assets import Assets
 from swardmap.synth.model import Garden
 from swardmap.synth.scene.borders import buildings, edgings
-from swardmap.synth.scene.crowd import people, walkers
+from swardmap.synth.scene.crowd import moving, people
 from swardmap.synth.scene.furnish import covered, furnished
 from swardmap.synth.scene.ground import build_ground
 from swardmap.synth.scene.look import lawn_look
@@ -37,8 +37,8 @@ def build_garden(seed: int, assets: Assets | None = None) -> Garden:
     things = buildings(lot, ground, taken, np.random.default_rng([seed, 21]))
     things += edgings(lot, ground, taken, np.random.default_rng([seed, 22]))
     things += furnished(RECIPES, sites, ground, taken, assets, seed, 30)
-    things += people(things, sites, ground, taken, np.random.default_rng([seed, 23]))
-    actors = walkers(sites, ground, taken, np.random.default_rng([seed, 24]))
+    things += people(things, sites, ground, taken, assets, np.random.default_rng([seed, 23]))
+    actors = moving(sites, ground, taken, assets, np.random.default_rng([seed, 24]))
     things += covered(sites, ground, taken, seed)
     things += furnished(GRASSY, sites, ground, taken, None, seed, 31)
     return Garden(f"garden-{seed:04d}", seed, ground, tuple(things), lot.corners_m, tuple(actors))

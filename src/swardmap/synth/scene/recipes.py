@@ -20,7 +20,7 @@ class Recipe:
         kind: as in Thing.
         where: a sort of site (see Sites.of).
         mean: how many a lot of 500 square metres has on average; it grows with the root of the area.
-        make: a model by chance.
+        make: a model by chance; None = only from the bundle.
         assets: kinds of the asset bundle that do as well.
         room_m: free space around it.
         upright: stands vertically however the ground lies; else it leans with the ground.
@@ -33,7 +33,7 @@ class Recipe:
     kind: str
     where: str
     mean: float
-    make: Maker
+    make: Maker | None
     assets: tuple[str, ...] = ()
     room_m: float = 0.1
     upright: bool = False
@@ -46,37 +46,44 @@ class Recipe:
 RECIPES: tuple[Recipe, ...] = (
     Recipe("tree", "lawn", 1.8, plants.tree, ("tree",), 1.3, True, 2, (0.85, 1.2), 0.5),
     Recipe("tree", "bed", 1.0, plants.tree, ("tree",), 1.0, True, 2, (0.8, 1.1), 0.5),
-    Recipe("swing", "lawn", 0.3, furniture.play_frame, ("swing",), 0.4),
+    Recipe("playhouse", "middle", 0.14, None, ("playhut", "pavilion"), 0.5),
+    Recipe("tent", "lawn", 0.1, None, ("tent",), 0.3),
+    Recipe("swing", "lawn", 0.4, furniture.play_frame, ("swing", "slide", "seesaw"), 0.4),
     Recipe("trampoline", "lawn", 0.2, furniture.trampoline, ("trampoline",), 0.3),
     Recipe("raised bed", "lawn", 0.5, plants.raised_bed, (), 0.3),
     Recipe("washing line", "middle", 0.35, furniture.washing_line_post, (), 0.2, True),
     Recipe("bench", "path", 0.7, furniture.bench, ("bench",), 0.15),
     Recipe("table", "terrace", 0.6, furniture.table, ("table",), 0.15),
-    Recipe("table", "lawn", 0.3, furniture.table, ("table",), 0.3),
+    Recipe("table", "lawn", 0.3, furniture.table, ("table", "parasol"), 0.3),
     Recipe("chair", "terrace", 1.2, furniture.chair, ("chair",), 0.1),
-    Recipe("chair", "lawn", 0.6, furniture.chair, ("chair",), 0.1),
+    Recipe("chair", "lawn", 0.6, furniture.chair, ("chair", "lounger"), 0.1),
+    Recipe("vehicle", "lawn", 0.5, None, ("bicycle", "tricycle", "stroller", "wheelchair", "scooter"), 0.15),
+    Recipe("play", "lawn", 0.5, None, ("goal", "pool", "sandpit", "mattress"), 0.2),
+    Recipe("statue", "lawn", 0.45, None, ("statue",), 0.2),
+    Recipe("laundry", "lawn", 0.3, None, ("laundry",), 0.2),
+    Recipe("fountain", "middle", 0.1, None, ("fountain",), 0.4, True),
     Recipe("trellis", "rim", 0.3, plants.trellis, (), 0.1, True),
-    Recipe("bin", "rim", 0.5, furniture.bin_or_barrel, ("bin", "barrel"), 0.1),
-    Recipe("wheelbarrow", "lawn", 0.35, furniture.wheelbarrow, ("wheelbarrow",)),
+    Recipe("bin", "rim", 0.5, furniture.bin_or_barrel, ("bin", "barrel", "crate", "dog-house"), 0.1),
+    Recipe("wheelbarrow", "lawn", 0.35, furniture.wheelbarrow, ("wheelbarrow", "mower", "ladder")),
     Recipe("shrub", "bed", 7.0, plants.shrub, ("shrub",), 0.0, False, 3, (0.7, 1.15)),
     Recipe("shrub", "lawn", 1.6, plants.shrub, ("shrub",), 0.3, False, 2, (0.8, 1.15)),
-    Recipe("flowers", "bed", 4.0, plants.flowers, ("flowers",), 0.0, False, 2, (0.8, 1.2)),
-    Recipe("planter", "terrace", 0.4, furniture.planter, ("planter",)),
-    Recipe("flower pot", "terrace", 0.8, plants.flower_pot, ("flower pot",), 0.05, False, 2),
-    Recipe("flower pot", "lawn", 0.7, plants.flower_pot, ("flower pot",), 0.1, False, 2),
-    Recipe("pole", "lawn", 0.8, furniture.pole, (), 0.2, True),
+    Recipe("flowers", "bed", 4.0, plants.flowers, (), 0.0, False, 2, (0.8, 1.2)),
+    Recipe("planter", "terrace", 0.4, furniture.planter, ("planter", "basket")),
+    Recipe("flower pot", "terrace", 0.8, plants.flower_pot, ("planter",), 0.05, False, 2),
+    Recipe("flower pot", "lawn", 0.7, plants.flower_pot, ("planter",), 0.1, False, 2),
+    Recipe("pole", "lawn", 0.8, furniture.pole, ("pole", "cone"), 0.2, True),
     Recipe("lamp post", "path", 0.5, furniture.lamp_post, ("lamp",), 0.1, True),
     Recipe("sign", "lawn", 0.2, furniture.sign_board, (), 0.1, True),
-    Recipe("garden figure", "lawn", 0.6, smalls.garden_figure, ("figure",), 0.15),
+    Recipe("garden figure", "lawn", 0.6, smalls.garden_figure, ("lantern",), 0.15),
     Recipe("rock", "bed", 0.8, smalls.rock, ("rock",), 0.0, False, 2, (0.6, 1.2)),
     Recipe("rock", "lawn", 0.9, smalls.rock, ("rock",), 0.1, False, 2, (0.5, 1.2)),
-    Recipe("stump", "lawn", 0.4, plants.stump, (), 0.2),
+    Recipe("stump", "lawn", 0.4, plants.stump, ("logs",), 0.2),
     Recipe("log", "lawn", 0.3, plants.log, (), 0.2),
     Recipe("test body", "middle", 0.45, smalls.iso_test_body, (), 0.3),
-    Recipe("animal", "lawn", 0.7, smalls.animal, ("animal",), 0.2),
+    Recipe("animal", "lawn", 0.7, smalls.animal, ("dog", "cat", "chicken", "rabbit"), 0.2),
     Recipe("ball", "lawn", 1.3, smalls.ball, ("ball",), 0.1, False, 2),
-    Recipe("toy", "lawn", 1.2, smalls.toy, ("toy",), 0.1, False, 2),
-    Recipe("hose", "lawn", 0.5, smalls.hose, (), 0.1),
+    Recipe("toy", "lawn", 1.2, smalls.toy, ("toy", "skateboard", "bag"), 0.1, False, 2),
+    Recipe("hose", "lawn", 0.5, smalls.hose, ("hose",), 0.1),
     Recipe("tool", "lawn", 0.8, smalls.tool, ("tool",), 0.1),
     Recipe("low object", "lawn", 1.8, smalls.low_object, ("low object",), 0.15, False, 2),
     Recipe("twigs", "lawn", 0.7, smalls.bough, (), 0.05),
