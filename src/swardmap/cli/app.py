@@ -16,10 +16,10 @@ from swardmap.cli.evaluate import evaluate_command
 from swardmap.cli.export import export
 from swardmap.cli.map import EXAMPLES as MAP_EXAMPLES
 from swardmap.cli.map import map_command
-from swardmap.cli.synth import EXAMPLES as SYNTH_EXAMPLES
-from swardmap.cli.synth import synth
 from swardmap.cli.ros import EXAMPLES as ROS_EXAMPLES
 from swardmap.cli.ros import ros_command
+from swardmap.cli.synth import EXAMPLES as SYNTH_EXAMPLES
+from swardmap.cli.synth import synth
 from swardmap.cli.train import train
 from swardmap.errors import SwardmapError
 

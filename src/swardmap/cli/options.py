@@ -9,7 +9,6 @@ from typing import Annotated, Any
 import typer
 
 from swardmap.config import Config, load_config
-from swardmap.pipeline import StepResult
 
 ConfigFile = Annotated[
     Path | None, typer.Option("--config", "-c", help="YAML file with any part of the settings.")
@@ -35,19 +34,23 @@ class Progress:
     Args:
         total: number of frames, or None if it cannot be known.
         quiet: show nothing, for --json.
+        doing, did: what happens to frames.
     """
 
-    def __init__(self, total: int | None, quiet: bool = False) -> None:
+    def __init__(
+        self, total: int | None, quiet: bool = False, doing: str = "mapping", did: str = "mapped"
+    ) -> None:
         self._total, self._quiet, self._done = total, quiet, 0
+        self._doing, self._did = doing, did
         self._bar: Any = None
 
-    def __enter__(self) -> Callable[[StepResult], None]:
+    def __enter__(self) -> Callable[[object], None]:
         if not self._quiet and sys.stderr.isatty():
             from rich.console import Console
             from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
             from rich.progress import Progress as Bar
 
-            columns = (TextColumn("mapping"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+            columns = (TextColumn(self._doing), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
             self._bar = Bar(*columns, console=Console(stderr=True))
             self._bar.start()
             self._task = self._bar.add_task("frames", total=self._total)
@@ -59,10 +62,10 @@ class Progress:
         if isinstance(error, KeyboardInterrupt):
             raise typer.Abort(*error.args) from error  # typer would drop what it says
 
-    def step(self, _: StepResult) -> None:
+    def step(self, _: object) -> None:
         """One frame is done."""
         self._done += 1
         if self._bar is not None:
             self._bar.advance(self._task)
         elif not self._quiet and (self._done % 100 == 0 or self._done == self._total):
-            print(f"mapped {self._done} of {self._total or '?'} frames", file=sys.stderr)
+            print(f"{self._did} {self._done} of {self._total or '?'} frames", file=sys.stderr)

@@ -37,14 +37,18 @@ class CheckedRanges(Checked):
 
 
 @dataclass(frozen=True)
+class SceneConfig(Checked):
+    """The gardens."""
+
+    assets: bool = setting(True, "false: without ready-made models, all is drawn from simple shapes")
+
+
+@dataclass(frozen=True)
 class RigConfig(CheckedRanges):
-    """The camera on the mower."""
+    """The camera on the mower; height, pitch and lens are drawn once a garden."""
 
     width: int = setting(640, "of the image in pixels", minimum=32, maximum=4096)
     height: int = setting(480, "of the image in pixels", minimum=32, maximum=4096)
-    focal_share: tuple[float, float] = span(
-        0.68, 0.76, "focal length by image width; 0.72 sees 70 degrees across", 0.2
-    )
     samples: int = setting(4, "anti-aliasing: samples a pixel", minimum=1, maximum=16)
     rate_hz: float = setting(5.0, "frames a second", minimum=0.1, maximum=60)
 
@@ -128,6 +132,7 @@ class MapConfig(Checked):
 class SynthConfig(Checked):
     """The whole tree."""
 
+    scene: SceneConfig = field(default_factory=SceneConfig)
     rig: RigConfig = field(default_factory=RigConfig)
     camera: CameraConfig = field(default_factory=CameraConfig)
     stereo: StereoConfig = field(default_factory=StereoConfig)

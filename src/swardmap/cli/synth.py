@@ -1,0 +1,156 @@
+"""`swardmap synth`: gardens with exact truth, as many as one likes."""
+
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from swardmap.cli.options import Json, Overwrite
+from swardmap.errors import InputError
+
+EXAMPLES = """\b
+Examples:
+  swardmap synth gardens/ --scenes 20 --frames 100 --illumination all --seed 0
+  swardmap synth gardens/ --illumination sunset --set camera.faults=false
+  swardmap synth gardens/ --census
+  swardmap evaluate gardens/eden -o out/ --segmenter truth
+
+An interrupted run goes on where it was: give the same command again.
+"""
+
+
+def synth(
+    out: Annotated[Path, typer.Argument(help="Folder for the gardens; a run there is resumed.")],
+    scenes: Annotated[int, typer.Option(min=1, help="Gardens.")] = 20,
+    frames: Annotated[int, typer.Option(min=1, help="Frames of each garden in each light.")] = 100,
+    illumination: Annotated[
+        list[str] | None,
+        typer.Option(help="clear, cloudy, overcast, sunset, twilight, or all; repeatable."),
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Of everything; seeds share no garden.")] = 0,
+    width: Annotated[int | None, typer.Option(help="Of the image; 640.")] = None,
+    height: Annotated[int | None, typer.Option(help="Of the image; 480.")] = None,
+    samples: Annotated[int | None, typer.Option(help="Anti-aliasing: samples a pixel; 4.")] = None,
+    sensor: Annotated[
+        bool | None, typer.Option("--sensor/--no-sensor", help="Depth through a D435i-like sensor, or exact.")
+    ] = None,
+    jobs: Annotated[int | None, typer.Option(min=1, help="Processes; none = one a core.")] = None,
+    census: Annotated[
+        bool, typer.Option("--census", help="Make nothing; count what is to be seen in OUT.")
+    ] = False,
+    config: Annotated[
+        Path | None, typer.Option("--config", "-c", help="YAML file with any part of the garden's settings.")
+    ] = None,
+    set_: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", metavar="KEY=VALUE", help="One setting, such as stereo.dropout=[0,0.1]. Repeatable."
+        ),
+    ] = None,
+    settings: Annotated[
+        bool, typer.Option("--settings", help="Print the settings, and make nothing.")
+    ] = False,
+    overwrite: Overwrite = False,
+    as_json: Json = False,
+) -> None:
+    """Film procedural gardens: colour, depth, labels, poses and true maps, in EDEN's layout and in ours."""
+    from swardmap.synth.config import load_synth_config, synth_config_yaml
+    from swardmap.synth.plan import SynthPlan
+
+    flags = {"rig.width": width, "rig.height": height, "rig.samples": samples, "stereo.enabled": sensor}
+    # the named options are the last word: they are the most explicit ones
+    named = [f"{key}={json.dumps(value)}" for key, value in flags.items() if value is not None]
+    chosen = load_synth_config(config, [*(set_ or []), *named])
+    if settings:
+        print(synth_config_yaml(chosen), end="")
+        return
+    if census:
+        _census(out, as_json)
+        return
+    plan = SynthPlan(seed, scenes, frames, lights_of(illumination or ["all"]), chosen)
+
+    from swardmap.synth.produce import produce
+    from swardmap.synth.stage import garden_stage
+
+    with _Bar(quiet=as_json) as on_done:
+        made = produce(plan, out, garden_stage, jobs=jobs, overwrite=overwrite, on_done=on_done)
+    print(json.dumps(made, indent=2) if as_json else _report(made))
+
+
+def lights_of(words: list[str]) -> tuple[str, ...]:
+    """The lights that `--illumination` names, in EDEN's order; commas part several."""
+    from swardmap.io.eden_layout import LIGHTS
+
+    named = [part.strip() for word in words for part in word.split(",")]
+    unknown = sorted(set(named) - {*LIGHTS, "all"})
+    if unknown:
+        raise typer.BadParameter(f"--illumination: expected {', '.join(LIGHTS)} or all, got '{unknown[0]}'")
+    return tuple(light for light in LIGHTS if light in named or "all" in named)
+
+
+def _census(out: Path, as_json: bool) -> None:
+    from swardmap.synth.census import census, census_text, read_facts
+
+    if not out.is_dir():
+        raise InputError(f"no such folder: {out}")
+    found = census(read_facts(out))
+    print(json.dumps(found, indent=2) if as_json else census_text(found))
+
+
+def _report(made: dict[str, Any]) -> str:
+    out = made["out"]
+    return (
+        f"{made['sequences']} sequences, {made['frames']} frames in {out} ({made['made']} made now)\n"
+        f"EDEN's layout: {out}/eden; with poses, sensor depth and maps: {out}/folder"
+    )
+
+
+class _Bar:
+    """A progress bar with the time left on a terminal, plain lines when not."""
+
+    def __init__(self, quiet: bool) -> None:
+        self._quiet, self._printed = quiet, -1
+        self._bar: Any = None
+        self._start: tuple[float, int] | None = None
+
+    def __enter__(self) -> Any:
+        return self._show
+
+    def __exit__(self, _: object, error: BaseException | None, __: object) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+        if isinstance(error, KeyboardInterrupt):
+            raise typer.Abort(*error.args) from error  # typer would drop what it says
+
+    def _show(self, done: int, total: int) -> None:
+        self._start = self._start or (time.monotonic(), done)
+        if self._quiet:
+            return
+        if not sys.stderr.isatty():
+            if 20 * done // total > self._printed:
+                print(f"made {done} of {total} frames{self._left(done, total)}", file=sys.stderr, flush=True)
+                self._printed = 20 * done // total
+            return
+        if self._bar is None:
+            from rich.console import Console
+            from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+            columns = (
+                TextColumn("filming"), BarColumn(), MofNCompleteColumn(),
+                TimeRemainingColumn(elapsed_when_finished=True),
+            )  # fmt: skip
+            self._bar = Progress(*columns, console=Console(stderr=True), speed_estimate_period=120)
+            self._bar.start()
+            self._task = self._bar.add_task("frames", total=total, completed=done)
+        self._bar.update(self._task, completed=done)
+
+    def _left(self, done: int, total: int) -> str:
+        assert self._start is not None  # noqa: S101 - narrows the type
+        since, first = self._start
+        if done in (first, total):
+            return ""
+        minutes = (time.monotonic() - since) / (done - first) * (total - done) / 60
+        return f", about {minutes:.0f} min left" if minutes >= 1 else ", less than a minute left"

@@ -1,0 +1,182 @@
+"""One drive in one light as files: EDEN's layout, our folder layout with maps, and what was drawn.
+
+OUT/eden/                                  all sequences, in EDEN's own layout, with exact depth
+OUT/folder/SCENE/LIGHT/                    one sequence, in our layout, with the sensor's depth
+OUT/folder/SCENE/LIGHT/exact/              the same recording with exact depth (colour, labels: links)
+OUT/folder/SCENE/LIGHT/maps/scene.*        the true map of all that stands still: PGM + YAML, npz
+OUT/folder/SCENE/LIGHT/maps/NAME.npz       the true map of what is ahead of a frame
+OUT/folder/SCENE/LIGHT/frames.jsonl        counts of each frame, for the census
+OUT/folder/SCENE/LIGHT/meta.json           seeds, light, camera, depth sensor: all that was drawn
+OUT/folder/SCENE/LIGHT/complete.json       written last: the sequence is whole
+"""
+
+import json
+import shutil
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from swardmap.config import SourceConfig
+from swardmap.errors import InputError, OutputError
+from swardmap.grid import OccupancyGrid
+from swardmap.io import folder
+from swardmap.io.eden import write_eden
+from swardmap.io.eden_layout import MODALITIES
+from swardmap.io.files import read_bytes, write_bytes, write_text
+from swardmap.io.images import encode_png
+from swardmap.io.map_files import write_map
+from swardmap.io.npz_files import write_npz
+from swardmap.synth.census import FACTS_FILE, frame_facts
+from swardmap.synth.config import MapConfig
+from swardmap.synth.sequence import GardenSource, Shot, to_millimetres
+from swardmap.synth.truth import frame_map
+from swardmap.types import Frame
+
+COMPLETE_FILE, META_FILE = "complete.json", "meta.json"
+LINKED = ("rgb", "labels", folder.POSES_FILE)
+"""What `exact/` shares with the recording it lies in."""
+
+
+def folder_of(out: Path, scene: str, light: str) -> Path:
+    """Where a sequence is in our layout."""
+    return out / "folder" / scene / light
+
+
+def is_complete(out: Path, scene: str, light: str, frames: int) -> bool:
+    """Whether a sequence is there, whole, with so many frames."""
+    try:
+        marker = json.loads((folder_of(out, scene, light) / COMPLETE_FILE).read_text(encoding="utf-8"))
+        return int(marker["frames"]) == frames
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
+
+
+def discard(out: Path, scene: str, light: str) -> None:
+    """Remove what an interrupted run left of a sequence.
+
+    Raises:
+        OutputError: if it cannot be removed.
+    """
+    here = folder_of(out, scene, light)
+    (here / COMPLETE_FILE).unlink(missing_ok=True)
+    for path in (here, _scratch(out, scene, light), *(out / "eden" / m / scene / light for m in MODALITIES)):
+        try:
+            if path.exists():
+                shutil.rmtree(path)
+        except OSError as error:
+            raise OutputError(f"cannot remove the unfinished {path}: {error.strerror or error}") from error
+
+
+def write_sequence(
+    source: GardenSource,
+    out: Path,
+    scene: str,
+    scene_grid: OccupancyGrid | None,
+    maps: MapConfig,
+    meta: Callable[[], Mapping[str, Any]],
+    on_frame: Callable[[], None],
+) -> None:
+    """Film a sequence and write everything of it; the marker comes last.
+
+    Args:
+        source: what to film.
+        out: folder of all sequences; nothing of this one may be there (see `discard`).
+        scene: four digits.
+        scene_grid: from `scene_map`; None writes no maps.
+        maps: their settings.
+        meta: tells all that was drawn; asked at the end, when the driver is known.
+        on_frame: called after each frame.
+
+    Raises:
+        OutputError: if it cannot be written.
+    """
+    light = source.light.illumination
+    here, scratch = folder_of(out, scene, light), _scratch(out, scene, light)
+    facts: list[str] = []
+
+    def frames() -> Iterator[Frame]:
+        for shot in source.shots():
+            _write_truth(shot, source, scene_grid, maps, scratch)
+            facts.append(json.dumps(_facts(shot, source)))
+            yield shot.frame
+            on_frame()
+
+    count = folder.write_folder(frames(), here)
+    if scene_grid is not None:
+        _move(scratch / "maps", here / "maps")
+        write_map(scene_grid, here / "maps" / "scene.yaml")
+        write_npz(scene_grid, here / "maps" / "scene.npz")
+    write_eden(_with_exact_depth(here, scratch), out / "eden", scene=scene, illumination=light)
+    if source.sensor is not None:
+        _write_exact(here, scratch)
+    shutil.rmtree(scratch, ignore_errors=True)
+    write_text(here / FACTS_FILE, "\n".join(facts) + "\n")
+    write_text(here / META_FILE, json.dumps(meta(), indent=2) + "\n")
+    write_text(here / COMPLETE_FILE, json.dumps({"frames": count}) + "\n")
+
+
+def _write_truth(
+    shot: Shot, source: GardenSource, scene_grid: OccupancyGrid | None, maps: MapConfig, scratch: Path
+) -> None:
+    """Put beside what the layouts cannot hold yet: unrounded depth, and the map of the frame."""
+    frame = shot.frame
+    write_bytes(
+        scratch / "depth" / f"{frame.name}.f32", shot.view.depth_m.astype("<f4").tobytes(), durable=False
+    )
+    if scene_grid is not None and frame.T_map_camera is not None:
+        grid = frame_map(
+            source.garden, scene_grid, frame.intrinsics, frame.T_map_camera, frame.stamp_ns, maps
+        )
+        write_npz(grid, scratch / "maps" / f"{frame.name}.npz")
+
+
+def _facts(shot: Shot, source: GardenSource) -> dict[str, Any]:
+    frame = shot.frame
+    return {
+        "name": frame.name,
+        "stamp_ns": frame.stamp_ns,
+        "blurred": shot.blurred,
+        "heavy_loss": shot.heavy_loss,
+        "readings": round(float(np.count_nonzero(frame.depth)) / frame.depth.size, 4),
+        **frame_facts(shot.view, source.garden.at(frame.stamp_ns)),
+    }
+
+
+def _exact_depth(scratch: Path, frame: Frame) -> np.ndarray[Any, np.dtype[np.float32]]:
+    content = read_bytes(scratch / "depth" / f"{frame.name}.f32")
+    return np.frombuffer(content, "<f4").reshape(frame.depth.shape).astype(np.float32)
+
+
+def _with_exact_depth(here: Path, scratch: Path) -> Iterator[Frame]:
+    for frame in folder.open_source(here, SourceConfig()):
+        yield replace(frame, depth=_exact_depth(scratch, frame), depth_unit_m=1.0)
+
+
+def _write_exact(here: Path, scratch: Path) -> None:
+    """The same recording with exact depth in millimetres, for `evaluate --clean`."""
+    exact = here / "exact"
+    for frame in folder.open_source(here, SourceConfig()):
+        millimetres = to_millimetres(_exact_depth(scratch, frame))
+        write_bytes(exact / "depth" / f"{frame.name}.png", encode_png(millimetres), durable=False)
+    try:
+        for name in LINKED:
+            if (here / name).exists():
+                (exact / name).symlink_to(Path("..") / name)
+        camera = read_bytes(here / folder.CAMERA_FILE)
+    except (OSError, InputError) as error:
+        raise OutputError(f"cannot write {exact}: {error}") from error
+    write_bytes(exact / folder.CAMERA_FILE, camera)
+
+
+def _move(source: Path, target: Path) -> None:
+    try:
+        source.rename(target)
+    except OSError as error:
+        raise OutputError(f"cannot write {target}: {error.strerror or error}") from error
+
+
+def _scratch(out: Path, scene: str, light: str) -> Path:
+    return out / "folder" / scene / f".{light}.part"

@@ -1,0 +1,97 @@
+"""What is needed to film gardens: who builds them, lights them, drives through them and draws them."""
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from swardmap.geometry import Intrinsics, Pose
+from swardmap.synth.config import RigConfig, SynthConfig
+from swardmap.synth.model import Garden, Light, View
+
+Drive = tuple[Intrinsics, Sequence[tuple[int, Pose]]]
+"""A camera, and time and pose T_map_camera of each frame."""
+
+
+class Stage(Protocol):
+    """Everything that `produce` asks for; tests bring a small one of their own."""
+
+    @property
+    def facts(self) -> dict[str, str]:
+        """What pictures depend on beside the seed: digest of the assets, driver."""
+
+    def garden(self, seed: int) -> Garden:
+        """The garden of a seed."""
+
+    def drive(self, garden: Garden, frames: int, rig: RigConfig) -> Drive:
+        """A way through it; the same garden gives the same."""
+
+    def light(self, illumination: str, rng: np.random.Generator) -> Light:
+        """One of the many lights of that name."""
+
+    def view(
+        self, garden: Garden, light: Light, intrinsics: Intrinsics, T_map_camera: Pose, stamp_ns: int
+    ) -> View:
+        """What an ideal camera sees."""
+
+
+class GardenStage:
+    """The gardens of the package, drawn by OpenGL.
+
+    Args:
+        config: of rig and scene; the driver is opened with the first view.
+
+    Raises:
+        MissingExtraError: if OpenGL or the assets are not installed.
+    """
+
+    def __init__(self, config: SynthConfig) -> None:
+        from swardmap.errors import require
+        from swardmap.synth.assets import open_assets
+
+        require("moderngl", "synth")
+        self._config = config
+        self._assets = open_assets() if config.scene.assets else None
+        self._renderer: Any = None
+
+    @property
+    def facts(self) -> dict[str, str]:
+        """Digest of the assets, and the driver once it has drawn."""
+        driver = "" if self._renderer is None else str(getattr(self._renderer, "driver", ""))
+        return {"assets": "none" if self._assets is None else self._assets.digest, "driver": driver}
+
+    def garden(self, seed: int) -> Garden:
+        """See `build_garden`."""
+        from swardmap.synth.scene.garden import build_garden
+
+        return build_garden(seed, self._assets)
+
+    def drive(self, garden: Garden, frames: int, rig: RigConfig) -> Drive:
+        """See `mowing_run`."""
+        from swardmap.synth.scene.run import mowing_run, random_rig
+
+        camera = random_rig(garden.seed, rig.width, rig.height)
+        return camera.intrinsics, mowing_run(garden, garden.seed, frames, rig.rate_hz, camera)
+
+    def light(self, illumination: str, rng: np.random.Generator) -> Light:
+        """See `sample_light`."""
+        from swardmap.synth.light import sample_light
+
+        return sample_light(illumination, rng)
+
+    def view(
+        self, garden: Garden, light: Light, intrinsics: Intrinsics, T_map_camera: Pose, stamp_ns: int
+    ) -> View:
+        """See `GardenRenderer.render`."""
+        if self._renderer is None:
+            from swardmap.synth.render import GardenRenderer
+
+            rig = self._config.rig
+            self._renderer = GardenRenderer(rig.width, rig.height, rig.samples)
+        view: View = self._renderer.render(garden, light, intrinsics, T_map_camera, stamp_ns)
+        return view
+
+
+def garden_stage(config: SynthConfig) -> Stage:
+    """The stage of `swardmap synth`."""
+    return GardenStage(config)
