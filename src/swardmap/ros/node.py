@@ -140,7 +140,7 @@ class RobotNode:
         rig = None if node.rig_file is None else read_rig(node.rig_file)
         segmenter = build_segmenter(self.parameters.config.segmenter)
         session = Session(self.parameters, segmenter, rig)
-        self._outputs = Outputs(self.node, self._types, session.inputs, segmenter.label_set)
+        self._outputs = Outputs(self.node, self._types, session.inputs, segmenter.label_set, node.image_depth)
         self.session = session
         try:
             self._subscribe(session)

@@ -19,9 +19,6 @@ from swardmap.ros.messages import ros_message
 from swardmap.ros.session import Mapped
 from swardmap.ros.topics import Types, latched_qos
 
-FRAME_DEPTH = 5
-"""Messages of a frame that DDS keeps for a listener that is slow."""
-
 LEVELS = {Severity.OK: messages.OK, Severity.WARN: messages.WARN, Severity.STOP: messages.ERROR}
 
 
@@ -75,9 +72,12 @@ class Outputs:
         types: optional messages that there are.
         cameras: names.
         label_set: of the masks.
+        depth: messages of frames that DDS keeps for a listener that is slow.
     """
 
-    def __init__(self, node: Any, types: Types, cameras: Iterable[str], label_set: LabelSet) -> None:
+    def __init__(
+        self, node: Any, types: Types, cameras: Iterable[str], label_set: LabelSet, depth: int
+    ) -> None:
         from sensor_msgs.msg import Image, PointCloud2
         from std_msgs.msg import Bool, String
 
@@ -85,7 +85,7 @@ class Outputs:
         self._image, self._cloud, self._bool, self._string = Image, PointCloud2, Bool, String
         kinds = {"mask": Image, "confidence": Image, "cloud": PointCloud2, "obstacles": PointCloud2}
         self._of_camera = {
-            (camera, kind): node.create_publisher(cls, f"~/{camera}/{kind}", FRAME_DEPTH)
+            (camera, kind): node.create_publisher(cls, f"~/{camera}/{kind}", depth)
             for camera in cameras
             for kind, cls in kinds.items()
         }

@@ -37,7 +37,9 @@ class NodeConfig(Checked):
     image_reliability: str = setting(
         "best_effort", "of image subscriptions", choices=("best_effort", "reliable")
     )
-    image_depth: int = setting(2, "images that DDS holds for each subscription", minimum=1, maximum=1000)
+    image_depth: int = setting(
+        2, "images and clouds that DDS holds for each subscription and publisher", minimum=1, maximum=1000
+    )
     queue_frames: int = setting(
         2, "frames that wait for the mapper; when it is full the oldest is dropped", minimum=1, maximum=1000
     )

@@ -1,0 +1,174 @@
+"""A program of its own, with plain rclpy: plays a recording to the node, writes down all it publishes.
+
+python player.py BAG OUT.npz NAMESPACE [--drop 0.3] [--period 0.1] [--late 0.0] [--count N]
+"""
+
+import argparse
+import json
+import random
+import struct
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import OccupancyGrid, Odometry
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rosbags.highlevel import AnyReader
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from std_msgs.msg import Bool, String
+
+TYPES = {
+    "sensor_msgs/msg/Image": Image,
+    "sensor_msgs/msg/CameraInfo": CameraInfo,
+    "nav_msgs/msg/Odometry": Odometry,
+}
+STAMP = struct.Struct("<iI")
+LATCHED = QoSProfile(
+    depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+)
+
+
+def restamped(data: bytes, shift_ns: int) -> bytes:
+    """The same message at another time: the stamp is the first field of its header, behind 4 bytes of CDR."""
+    sec, nanosec = STAMP.unpack_from(data, 4)
+    stamp = sec * 1_000_000_000 + nanosec + shift_ns
+    out = bytearray(data)
+    STAMP.pack_into(out, 4, stamp // 1_000_000_000, stamp % 1_000_000_000)
+    return bytes(out)
+
+
+class Ears:
+    """Everything the node says."""
+
+    def __init__(self, node: Any) -> None:
+        self.heard: dict[str, Any] = {}
+        self.stops: list[tuple[float, bool]] = []
+        self.health: list[dict[str, Any]] = []
+        self.maps: list[tuple[int, str]] = []
+        self.diagnostics = 0
+        self.shift_ns = 0
+        for kind in ("mask", "confidence"):
+            node.create_subscription(Image, f"swardmap/camera/{kind}", self.image(kind), 50)
+        for kind in ("cloud", "obstacles"):
+            node.create_subscription(PointCloud2, f"swardmap/camera/{kind}", self.cloud(kind), 50)
+        for kind in ("map", "costmap"):
+            node.create_subscription(OccupancyGrid, f"swardmap/{kind}", self.grid(kind), LATCHED)
+        node.create_subscription(Bool, "swardmap/stop", self.stop, LATCHED)
+        node.create_subscription(String, "swardmap/health_json", self.say, 50)
+        node.create_subscription(String, "swardmap/labels_json", self.labels, LATCHED)
+        node.create_subscription(DiagnosticArray, "/diagnostics", self.diagnose, 50)
+
+    def stamp(self, message: Any) -> int:
+        return int(message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec - self.shift_ns)
+
+    def image(self, kind: str) -> Any:
+        def take(m: Any) -> None:
+            pixels = np.frombuffer(m.data, np.uint8).reshape(m.height, m.width)
+            self.heard[f"{kind}/{self.stamp(m)}"] = pixels
+
+        return take
+
+    def cloud(self, kind: str) -> Any:
+        def take(m: Any) -> None:
+            layout = np.dtype({"names": ["xyz", "label"], "formats": ["(3,)<f4", "<u4"], "offsets": [0, 16],
+                               "itemsize": m.point_step})  # fmt: skip
+            points = np.frombuffer(m.data, layout)
+            self.heard[f"{kind}/{self.stamp(m)}"] = np.column_stack([points["xyz"], points["label"]])
+
+        return take
+
+    def grid(self, kind: str) -> Any:
+        def take(m: Any) -> None:
+            values = np.array(m.data, np.int8).reshape(m.info.height, m.info.width)
+            origin = m.info.origin.position
+            stamp = self.stamp(m)
+            self.heard[f"{kind}/{stamp}"] = values
+            self.heard[f"{kind}_at/{stamp}"] = np.array([origin.x, origin.y, m.info.resolution])
+            self.heard[f"{kind}_last"] = values
+            most = self.heard.get(f"{kind}_most", values)  # the one with the most free cells
+            self.heard[f"{kind}_most"] = max(most, values, key=lambda v: int((v == 0).sum()))
+            self.maps.append((stamp, kind))
+
+        return take
+
+    def stop(self, m: Any) -> None:
+        self.stops.append((time.time(), m.data))
+
+    def say(self, m: Any) -> None:
+        self.health.append(json.loads(m.data))
+
+    def labels(self, m: Any) -> None:
+        self.heard["labels"] = np.array(m.data)
+
+    def diagnose(self, m: Any) -> None:
+        self.diagnostics += any(s.name == "swardmap" for s in m.status)
+
+
+def until(node: Any, done: Any, seconds: float) -> bool:
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        rclpy.spin_once(node, timeout_sec=0.02)
+        if done():
+            return True
+    return False
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("bag", type=Path)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("namespace")
+    parser.add_argument("--drop", type=float, default=0.0)
+    parser.add_argument("--period", type=float, default=0.1)
+    parser.add_argument("--late", type=float, default=0.0, help="poses come so long after their images")
+    parser.add_argument("--linger", type=float, default=0.0, help="listen on for so long")
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--count", type=int, default=10_000)
+    args = parser.parse_args()
+    rclpy.init()
+    node = rclpy.create_node("player", namespace=args.namespace)
+    ears = Ears(node)
+    with AnyReader([args.bag]) as reader:
+        messages = [(t, c.topic, c.msgtype, bytes(data)) for c, t, data in reader.messages()]
+    sends = QoSProfile(depth=50, reliability=ReliabilityPolicy.RELIABLE)
+    pubs = {
+        topic: node.create_publisher(TYPES[kind], topic.lstrip("/"), sends) for _, topic, kind, _ in messages
+    }
+    if not until(node, lambda: ears.health and all(p.get_subscription_count() for p in pubs.values()), 60):
+        sys.stderr.write("the node did not come up\n")
+        return 1
+    times = sorted({t for t, *_ in messages})[args.first : args.first + args.count]
+    ears.shift_ns = time.time_ns() - times[0]
+    random.seed(0)
+    later: list[tuple[float, str, bytes]] = []
+    for at in times:
+        until(node, lambda at=at: time.time_ns() >= at + ears.shift_ns, 60)
+        for t, topic, _, data in messages:
+            if t != at or random.random() < args.drop:
+                continue
+            if args.late and "odom" in topic:
+                later.append((time.time() + args.late, topic, data))
+            else:
+                pubs[topic].publish(restamped(data, ears.shift_ns))
+        for due, topic, data in [item for item in later if item[0] <= time.time()]:
+            pubs[topic].publish(restamped(data, ears.shift_ns))
+            later.remove((due, topic, data))
+    for due, topic, data in later:
+        until(node, lambda due=due: time.time() >= due, 10)
+        pubs[topic].publish(restamped(data, ears.shift_ns))
+    wanted = max(times)
+    until(node, lambda: {(wanted, "map"), (wanted, "costmap")} <= set(ears.maps), 10 if not args.drop else 2)
+    until(node, lambda: False, max(args.linger, 0.3))
+    told = {"health": ears.health, "stops": ears.stops, "diagnostics": ears.diagnostics, "maps": ears.maps}
+    np.savez(args.out, told=json.dumps(told), **ears.heard)
+    node.destroy_node()
+    rclpy.shutdown()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
