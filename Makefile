@@ -24,7 +24,7 @@ test-slow: $(READY)       ## the slow tests
 
 full-setup: $(READY)      ## every extra that runs without hardware; torch first, as a CPU build where there is one
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check torch==2.13.0
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev,train,ray]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev,train,ray,synth,view,gps]'
 
 check: $(READY)           ## linters and types
 	$(BIN)/ruff check .
