@@ -26,7 +26,7 @@ class SourceConfig(Checked):
     format: str | None = setting(
         None,
         "kind of recording; found by itself where possible",
-        choices=("folder", "3dmatch", "orfd", "eden", "rosbag"),
+        choices=("folder", "gardens", "3dmatch", "orfd", "eden", "rosbag"),
     )
     start: int = setting(0, "index of the first frame to use", minimum=0)
     stop: int | None = setting(None, "index after the last frame to use; none = to the end", minimum=0)

@@ -79,7 +79,7 @@ def test_maps_hold_what_is_there_seen_or_not(made: Path) -> None:
     scene, same = read_map(maps / "scene.yaml"), read_npz(maps / "scene.npz")
     np.testing.assert_array_equal(scene.classes, same.classes)  # type: ignore[union-attr]
     assert scene.count(MapClass.PERSON) == 0
-    frames = [read_npz(maps / f"{i:05d}.npz") for i in range(3)]
+    frames = [read_npz(maps / f"{i + 1:05d}.npz") for i in range(3)]
     for i, grid in enumerate(frames):
         assert isinstance(grid, OccupancyGrid)
         assert grid.stamp_ns == i * 200_000_000
@@ -96,7 +96,7 @@ def test_all_that_was_drawn_is_written_down(made: Path) -> None:
     assert meta["garden"]["things"] == {"pot": 1, "shed": 1}
     assert (meta["seed"], meta["scene"], meta["stage"]["assets"]) == (0, "0001", "none")
     lines = (made / "folder" / "0001" / "sunset" / "frames.jsonl").read_text().splitlines()
-    assert [json.loads(line)["name"] for line in lines] == ["00000", "00001", "00002"]
+    assert [json.loads(line)["name"] for line in lines] == ["00001", "00002", "00003"]
 
 
 def test_nothing_is_left_over(made: Path) -> None:

@@ -24,7 +24,7 @@ def source(plan: SynthPlan = PLAN, scene: int = 0, light: str = "clear") -> Gard
 
 def test_it_keeps_the_contract_of_sources() -> None:
     frames = check_source(source)
-    assert [frame.name for frame in frames] == ["00000", "00001", "00002", "00003"]
+    assert [frame.name for frame in frames] == ["00001", "00002", "00003", "00004"]
     assert frames[0].tags == {"scene": "0000", "illumination": "clear", "sequence": "0000-clear"}
     assert frames[1].stamp_ns - frames[0].stamp_ns == 200_000_000
 

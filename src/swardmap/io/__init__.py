@@ -53,6 +53,7 @@ class SourceModule(Protocol):
 
 SOURCES: Mapping[str, str] = {
     "folder": "swardmap.io.folder",
+    "gardens": "swardmap.io.gardens",
     "3dmatch": "swardmap.io.threedmatch",
     "orfd": "swardmap.io.orfd",
     "eden": "swardmap.io.eden",

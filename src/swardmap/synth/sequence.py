@@ -134,7 +134,7 @@ class GardenSource:
             T_map_camera=T_map_camera,
             labels=view.labels,
             label_set=GRASS_OBSTACLE_PERSON,
-            name=f"{index:05d}",
+            name=f"{index + 1:05d}",  # as EDEN counts
             tags=dict(self.tags or {"scene": self.garden.name, "illumination": self.light.illumination}),
         )
         return Shot(frame, view, blurred, heavy_loss)
