@@ -3,6 +3,7 @@
 import hashlib
 import io
 import json
+import re
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,7 @@ from tools.bake_assets.bundle import BundleWriter
 FOLDER = Path(__file__).parents[2] / "garden_assets" / "swardmap_garden_assets"
 SHIPPED = open_assets(FOLDER)
 SOURCE = Source("thing", "somebody", "CC0-1.0", "package 1")
-FREE = {"CC0-1.0", "CC-BY-3.0", "CC-BY-3.0-US", "MIT", "Apache-2.0"}
+FREE = {"CC0-1.0", "CC-BY-3.0", "CC-BY-3.0-US", "MIT", "Apache-2.0 AND CC0-1.0"}
 
 
 def corners(mesh: Mesh) -> np.ndarray:
@@ -168,6 +169,9 @@ def test_every_asset_is_attributed_and_free() -> None:
             assert f"- {what} {name}: '{entry.source.title}' by {entry.source.author}, " in text
             assert entry.source.licence in FREE
             assert entry.source.author not in ("", "unknown")
+    for name in SHIPPED.array_names():
+        assert f"- arrays {name}: " in text
+    assert set(re.findall(r"' by [^\n]*?, ([\w.-]+(?: AND [\w.-]+)?), from ", text)) <= FREE
 
 
 def test_the_bundles_are_small_enough_for_the_repository() -> None:

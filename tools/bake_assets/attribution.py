@@ -17,6 +17,7 @@ Written by `python -m tools.bake_assets.attribution` from the sources that the b
 - CC-BY-3.0: <https://creativecommons.org/licenses/by/3.0/>
 - CC-BY-3.0-US: <https://creativecommons.org/licenses/by/3.0/us/>
 - MIT: the text is in LICENSE
+- Apache-2.0: the text is in LICENSE-Apache-2.0
 
 """
 

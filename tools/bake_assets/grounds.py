@@ -252,7 +252,7 @@ def main() -> None:
     tiles += [np.zeros_like(tiles[0])] * (-len(tiles) % 6)
     rows = [np.concatenate(tiles[k : k + 6], axis=1) for k in range(0, len(tiles), 6)]
     cv2.imwrite(sys.argv[2], np.concatenate(rows)[..., ::-1])
-    print(bundle.write(out / "grounds.zip"), "bytes")  # noqa: T201
+    print(bundle.write(out / "grounds.zip"), "bytes")
 
 
 if __name__ == "__main__":

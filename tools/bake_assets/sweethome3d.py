@@ -215,8 +215,8 @@ def main() -> None:
                 bundle.add_model(
                     name_of(choice), meshes, choice.kind, source, choice.pose, choice.seat_m, choice.tags
                 )
-                print(group, name_of(choice), sum(len(mesh.faces) for mesh in meshes), len(meshes))  # noqa: T201
-            print(group, bundle.write(out / f"{group}.zip"), "bytes")  # noqa: T201
+                print(group, name_of(choice), sum(len(mesh.faces) for mesh in meshes), len(meshes))
+            print(group, bundle.write(out / f"{group}.zip"), "bytes")
 
 
 if __name__ == "__main__":

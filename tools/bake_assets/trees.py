@@ -108,8 +108,8 @@ def main() -> None:
         kind = "shrub" if tree["preset"].startswith("Bush") else "tree"
         tags = ("conifer",) if tree["leaf"] == "pine" else ("deciduous",)
         bundle.add_model(tree["name"], meshes, kind, MIT, tags=tags)
-        print(tree["name"], tree["triangles"])  # noqa: T201
-    print(bundle.write(out / "trees.zip"), "bytes")  # noqa: T201
+        print(tree["name"], tree["triangles"])
+    print(bundle.write(out / "trees.zip"), "bytes")
 
 
 if __name__ == "__main__":

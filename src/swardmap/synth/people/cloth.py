@@ -75,13 +75,13 @@ def fabric(rng: np.random.Generator, kind: str, base: RGB, name: str) -> Materia
         color = color + twill[..., None] - 7
     elif kind == "print":
         for _ in range(int(rng.integers(8, 22))):
-            cx, cy, r = rng.uniform(0, SIZE, 2).tolist() + [rng.uniform(3, 11)]
+            cx, cy, r = (*rng.uniform(0, SIZE, 2), rng.uniform(3, 11))
             dx, dy = (x - cx + SIZE / 2) % SIZE - SIZE / 2, (y - cy + SIZE / 2) % SIZE - SIZE / 2
             petal = r * (1 + 0.3 * np.cos(5 * np.arctan2(dy, dx)))
             color = np.where((np.hypot(dx, dy) < petal)[..., None], other, color)
     elif kind == "camouflage":
-        for shade in ((0.6, 0.62, 0.55), (1.15, 1.05, 0.9), (0.35, 0.36, 0.33)):
-            color = np.where((clouds(rng, SIZE, 5) > 0.28)[..., None], np.array(base) * shade, color)
+        for tone in ((0.6, 0.62, 0.55), (1.15, 1.05, 0.9), (0.35, 0.36, 0.33)):
+            color = np.where((clouds(rng, SIZE, 5) > 0.28)[..., None], np.array(base) * tone, color)
     elif kind == "vest":
         band = (y % SIZE > SIZE * 0.62) & (y % SIZE < SIZE * 0.82)
         color = np.where(band[..., None], np.array([205.0, 208, 212]), color)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from swardmap.synth.model import Mesh, Model
+from swardmap.synth.model import Float64Array, Model
 from swardmap.synth.people.body import Assets, Body, body_of
 from swardmap.synth.people.cloth import picked
 from swardmap.synth.people.head import (
@@ -47,7 +47,13 @@ class Person:
     group: str
 
 
-def figure_of(rng: np.random.Generator, assets: Assets, group: str | None = None, hatted: str | None = None, lies: bool = False) -> Figure:  # fmt: skip
+def figure_of(
+    rng: np.random.Generator,
+    assets: Assets,
+    group: str | None = None,
+    hatted: str | None = None,
+    lies: bool = False,
+) -> Figure:
     """Somebody dressed, at rest.
 
     Args:
@@ -101,12 +107,12 @@ def person(rng: np.random.Generator, assets: Assets, pose: str, group: str | Non
     turns, level = turns_of(angles)
     bones = bones_of(figure.body, turns, reaches(angles, figure.body.height_m), level)
     meshes, points = meshes_of(figure, bones)
-    seat = _seat_m(figure.body, points, meshes) if pose == "sitting" else 0.0
+    seat = _seat_m(figure.body, points) if pose == "sitting" else 0.0
     model = Model(f"person-{pose}-{int(rng.integers(2**62)):x}", put_down(meshes, points))
     return Person(model, pose, seat, figure.body.height_m, figure.body.group)
 
 
-def _seat_m(body: Body, points: np.ndarray, meshes: list[Mesh]) -> float:
+def _seat_m(body: Body, points: Float64Array) -> float:
     """Height of what somebody sits on: the lowest point near the pelvis above the lowest of all."""
     near = (np.abs(points[:, 0]) < 0.1 * body.height_m) & (np.abs(points[:, 1]) < 0.1 * body.height_m)
     near &= points[:, 2] > -0.15 * body.height_m

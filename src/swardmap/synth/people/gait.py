@@ -52,7 +52,7 @@ def gait_of(figure: Figure, speed_mps: float, running: bool) -> Gait:
 
 
 def ankle(figure: Figure, gait: Gait, phase: float) -> tuple[float, float, float]:
-    """Of one foot: ankle ahead of the hip and above its height at rest (m), pitch of the foot (deg, toes down)."""
+    """Of one foot: ankle ahead of the hip and above its height at rest (m), its pitch (deg, toes down)."""
     at = dict(zip(figure.body.bones, figure.body.joints, strict=True))
     ball = np.linalg.norm((at["toes.L"] - at["foot.L"])[:2])
     height = at["foot.L"][2]
@@ -107,7 +107,8 @@ def stepping(figure: Figure, gait: Gait, phase: float) -> tuple[Bones, float]:
     swing = gait.swing_deg * float(np.cos(2 * np.pi * phase))
     arm = (8.0, 12.0, gait.elbow_deg + 0.25 * abs(swing), 10.0)
     angles = Angles(
-        root=(gait.lean_deg, 0, 0), trunk=(gait.lean_deg / 2, 0, swing * 0.25), head=(-gait.lean_deg, 0, -swing * 0.2),
+        root=(gait.lean_deg, 0, 0), trunk=(gait.lean_deg / 2, 0, swing * 0.25),
+        head=(-gait.lean_deg, 0, -swing * 0.2),
         arm_l=(2 - swing, arm[0], arm[1], arm[2] - 0.4 * swing, arm[3]),
         arm_r=(2 + swing, arm[0], arm[1], arm[2] + 0.4 * swing, arm[3]),
         curl=40,

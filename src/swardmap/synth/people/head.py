@@ -1,10 +1,11 @@
 """Face, hair and hats."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
-from swardmap.synth.model import Float64Array, Material, Texture
+from swardmap.synth.model import Float64Array, Material, Mesh, Texture
 from swardmap.synth.people.body import NECK, Body, Shell
 from swardmap.synth.people.cloth import RGB, fabric, linear, picked
 from swardmap.synth.people.shell import clipped, finer, hemmed, normals_of, smoothed, welded
@@ -97,7 +98,7 @@ def skin_of(body: Body, shell: Shell, tone: RGB, picture: Texture) -> list[Worn]
     return out
 
 
-def hairline(body: Body, high: float = 0.0, low: float = 0.0):  # type: ignore[no-untyped-def]
+def hairline(body: Body, high: float = 0.0, low: float = 0.0) -> Callable[[Shell], Float64Array]:
     """Level of `clipped`: positive where hair grows. `high` raises it in front, `low` behind, metres."""
     angle = np.radians([0, 30, 52, 68, 82, 96, 108, 130, 180])
     height = np.array([0.066, 0.06, 0.046, 0.02, -0.012, 0.0, -0.045, -0.07, -0.075])
@@ -123,15 +124,17 @@ def hair_material(rng: np.random.Generator, color: RGB) -> Material:
     return Material(texture=Texture(f"hair-{int(rng.integers(2**62)):x}", rgba), specular=0.12, roughness=0.5)
 
 
-def cap_of_hair(rng: np.random.Generator, body: Body, material: Material, thick_m: float, high: float, low: float) -> Worn:  # fmt: skip
+def cap_of_hair(
+    rng: np.random.Generator, body: Body, material: Material, thick_m: float, high: float, low: float
+) -> Worn:
     """Short hair: the scalp, lifted, thin at its edge."""
     level = hairline(body, high, low)
     scalp = finer(clipped(body.skin, level))
     lift = np.clip(level(scalp) / 0.03, 0.12, 1) * thick_m
     n = normals_of(scalp.xyz, scalp.faces, welded(scalp))
-    bumps = 0.0
+    bumps = np.zeros(len(scalp.xyz))
     for _ in range(6):
-        bumps = bumps + np.sin(scalp.mean @ rng.normal(0, 70, 3) + rng.uniform(0, 6.3)) / 6
+        bumps += np.sin(scalp.mean @ rng.normal(0, 70, 3) + rng.uniform(0, 6.3)) / 6
     lift = lift * (1 + 0.6 * bumps)
     shell = replace(scalp, xyz=smoothed(scalp.xyz + n * (lift + 0.002)[:, None], scalp, 2))
     shell = hemmed(shell, 0.006)
@@ -194,9 +197,18 @@ def hat(rng: np.random.Generator, body: Body, kind: str) -> Worn:
     if kind == "straw":
         material = fabric(rng, "check", (206, 176, 118), name)
     elif kind == "helmet":
-        material = Material(linear(picked(rng, ((230, 230, 230), (40, 40, 44), (170, 40, 40), (50, 90, 150)))), specular=0.3, roughness=0.3)  # fmt: skip
+        material = Material(
+            linear(picked(rng, ((230, 230, 230), (40, 40, 44), (170, 40, 40), (50, 90, 150)))),
+            specular=0.3,
+            roughness=0.3,
+        )
     else:
-        material = fabric(rng, "plain", picked(rng, ((40, 46, 60), (150, 40, 44), (210, 206, 196), (60, 80, 60), (30, 30, 32))), name)  # fmt: skip
+        material = fabric(
+            rng,
+            "plain",
+            picked(rng, ((40, 46, 60), (150, 40, 44), (210, 206, 196), (60, 80, 60), (30, 30, 32))),
+            name,
+        )
     lift = {"straw": 1.12, "cap": 1.08, "beanie": 1.1, "helmet": 1.2}[kind]
     dome = _dome(half * lift + 0.006, material)
     parts = [dome]
@@ -208,7 +220,7 @@ def hat(rng: np.random.Generator, body: Body, kind: str) -> Worn:
     return rigid(body, "head", joined(parts), at)
 
 
-def _dome(half: Float64Array, material: Material):  # type: ignore[no-untyped-def]
+def _dome(half: Float64Array, material: Material) -> Mesh:
     """The upper half of an ellipsoid, with an inside."""
     lat, lon = np.meshgrid(np.linspace(-0.1, np.pi / 2, 9), np.linspace(0, 2 * np.pi, 25), indexing="ij")
     unit = np.stack((np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)), -1).reshape(-1, 3)
@@ -223,14 +235,21 @@ def _dome(half: Float64Array, material: Material):  # type: ignore[no-untyped-de
     return joined([outer, mesh_of(unit * size * 0.97, -n, uv, f[:, ::-1], material)])
 
 
-def _brim(half: Float64Array, wide_m: float, start: float, end: float, material: Material):  # type: ignore[no-untyped-def]
+def _brim(half: Float64Array, wide_m: float, start: float, end: float, material: Material) -> Mesh:
     """A flat ring or a peak around the lower edge of a dome, two-sided."""
     a = np.linspace(start, end, 25)
     full = end - start > 6
     taper = np.ones_like(a) if full else np.sqrt(np.clip(1 - (a / end) ** 4, 0, 1))
     inner = np.stack((np.cos(a) * half[0] * 0.97, np.sin(a) * half[1] * 0.97, np.zeros_like(a)), 1)
     droop = -0.012 if full else -0.02
-    outer = np.stack((np.cos(a) * (half[0] + wide_m * taper), np.sin(a) * (half[1] + wide_m * taper * (1 if full else 0.25)), np.full_like(a, droop)), 1)  # fmt: skip
+    outer = np.stack(
+        (
+            np.cos(a) * (half[0] + wide_m * taper),
+            np.sin(a) * (half[1] + wide_m * taper * (1 if full else 0.25)),
+            np.full_like(a, droop),
+        ),
+        1,
+    )
     xyz = np.concatenate([inner, outer])
     k, n = np.arange(24), 25
     f = np.concatenate([np.stack((k, k + n, k + n + 1), 1), np.stack((k, k + n + 1, k + 1), 1)])

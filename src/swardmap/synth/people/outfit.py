@@ -43,11 +43,14 @@ def cut_of(rng: np.random.Generator, body: Body) -> Cut:
     legs = 0.0 if skirted else float(rng.choice([0.55, 0.7, 0.85, 1.55, 1.9, 1.9, 1.9, 1.9]))
     sleeve = float(rng.choice([0.4, 0.5, 0.5, 0.62, 1.3, 1.86, 1.86, 1.86]))
     return Cut(
-        sleeve=sleeve + float(rng.uniform(-0.04, 0.04)), hem=float(rng.uniform(-0.14, 0.0)),
+        sleeve=sleeve + float(rng.uniform(-0.04, 0.04)),
+        hem=float(rng.uniform(-0.14, 0.0)),
         collar=float(rng.choice([0.0, 0.05, 0.3])) if sleeve > 1 else float(rng.choice([-0.12, -0.05, 0.02])),
-        legs=legs + (float(rng.uniform(-0.04, 0.04)) if legs else 0.0), skirt=float(rng.choice([0.75, 0.95, 1.4])),
-        slack_m=float(rng.uniform(0.006, 0.02)), shoes=9.0 if rng.random() < 0.1 else float(rng.choice([1.94, 1.94, 1.8])),
-    )  # fmt: skip
+        legs=legs + (float(rng.uniform(-0.04, 0.04)) if legs else 0.0),
+        skirt=float(rng.choice([0.75, 0.95, 1.4])),
+        slack_m=float(rng.uniform(0.006, 0.02)),
+        shoes=9.0 if rng.random() < 0.1 else float(rng.choice([1.94, 1.94, 1.8])),
+    )
 
 
 def folds(rng: np.random.Generator, shell: Shell, depth_m: float) -> Float64Array:
@@ -85,11 +88,21 @@ def garment(
     return worn_cloth(hemmed(loose, hem_m), material, what)
 
 
-def top(rng: np.random.Generator, body: Body, cut: Cut, material: Material, extra_m: float = 0.0, what: str = "top") -> Worn:  # fmt: skip
+def top(
+    rng: np.random.Generator,
+    body: Body,
+    cut: Cut,
+    material: Material,
+    extra_m: float = 0.0,
+    what: str = "top",
+) -> Worn:
     """Shirt, pullover or jacket."""
     shell = clipped(body.tights, lambda s: s.along[:, TRUNK] - cut.hem)
     shell = clipped(shell, lambda s: cut.sleeve - s.along[:, ARM])
-    shell = clipped(shell, lambda s: cut.collar - s.along[:, NECK] - 0.25 * np.clip(s.mean[:, 0] - body.head_mean[0], -0.1, 0.1))  # fmt: skip
+    shell = clipped(
+        shell,
+        lambda s: cut.collar - s.along[:, NECK] - 0.25 * np.clip(s.mean[:, 0] - body.head_mean[0], -0.1, 0.1),
+    )
 
     def slack(s: Shell) -> Float64Array:
         arm = np.clip(s.along[:, ARM], 0, 2)
@@ -137,7 +150,18 @@ def shoes(rng: np.random.Generator, body: Body, cut: Cut) -> list[Worn]:
     floor = float(xyz[:, 2].min()) - 0.012
     xyz[:, 2] = np.where(xyz[:, 2] < floor + 0.028, floor, xyz[:, 2])
     shell = hemmed(replace(shell, xyz=xyz), 0.006)
-    color = picked(rng, ((36, 34, 34), (70, 52, 40), (110, 84, 60), (220, 218, 212), (60, 70, 92), (150, 60, 50), (70, 84, 60)))  # fmt: skip
+    color = picked(
+        rng,
+        (
+            (36, 34, 34),
+            (70, 52, 40),
+            (110, 84, 60),
+            (220, 218, 212),
+            (60, 70, 92),
+            (150, 60, 50),
+            (70, 84, 60),
+        ),
+    )
     sole = (30, 30, 30) if rng.random() < 0.5 else (206, 200, 190)
     upper = clipped(shell, lambda s: s.xyz[:, 2] - floor - 0.018)
     under = clipped(shell, lambda s: floor + 0.018 - s.xyz[:, 2])
@@ -153,7 +177,11 @@ def skin_left(body: Body, cut: Cut) -> Shell:
     def level(s: Shell) -> Float64Array:
         bare = np.maximum(s.along[:, ARM] - cut.sleeve + 0.12, s.along[:, NECK] - cut.collar + 0.4)
         leg_from = cut.legs - 0.12 if cut.legs else 0.2
-        leg = np.where(s.along[:, LEG] > -0.9, np.minimum(s.along[:, LEG] - leg_from, cut.shoes + 0.08 - s.along[:, LEG]), -1)  # fmt: skip
+        leg = np.where(
+            s.along[:, LEG] > -0.9,
+            np.minimum(s.along[:, LEG] - leg_from, cut.shoes + 0.08 - s.along[:, LEG]),
+            -1,
+        )
         return np.maximum(bare, leg)
 
     return clipped(body.skin, level)
@@ -170,7 +198,12 @@ def material_of(rng: np.random.Generator, what: str, green: float = 0.15) -> Mat
         return fabric(rng, kind, picked(rng, colors), name)
     if what == "vest":
         return fabric(rng, "vest", picked(rng, HI_VIS), name)
-    kind = str(rng.choice(["plain", "plain", "plain", "stripes", "check", "print", "fleece", "camouflage"], p=(0.25, 0.15, 0.1, 0.14, 0.12, 0.12, 0.08, 0.04)))  # fmt: skip
+    kind = str(
+        rng.choice(
+            ["plain", "plain", "plain", "stripes", "check", "print", "fleece", "camouflage"],
+            p=(0.25, 0.15, 0.1, 0.14, 0.12, 0.12, 0.08, 0.04),
+        )
+    )
     chosen = GREENS if kind == "camouflage" or rng.random() < green else COLORS
     return fabric(rng, kind, picked(rng, chosen), name)
 

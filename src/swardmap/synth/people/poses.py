@@ -49,7 +49,7 @@ class Angles:
 POSES: dict[str, tuple[Angles, ...]] = {
     "standing": (
         Angles(),
-        Angles(arm_l=(18, 22, 60, 95, 30), arm_r=(18, 22, 60, 95, 30), trunk=(-2, 0, 0)),  # arms before the body
+        Angles(arm_l=(18, 22, 60, 95, 30), arm_r=(18, 22, 60, 95, 30), trunk=(-2, 0, 0)),  # arms in front
         Angles(arm_r=(-12, 38, 62, 92, 0), leg_l=(4, 5, 14, 8, 0), trunk=(0, 4, 0)),  # hand on the hip
         Angles(arm_l=(45, 12, 35, 115, 0), head=(22, 0, 5), curl=60),  # looks at a telephone
     ),
@@ -144,7 +144,8 @@ def angles_of(pose: str, rng: np.random.Generator) -> Angles:
     root = base.root if lying else (base.root[0] + float(rng.normal(0, 1.5)), *base.root[1:])
     return Angles(
         root, off(base.trunk), off(base.head), off(base.arm_l), off(base.arm_r),  # type: ignore[arg-type]
-        off(base.leg_l), off(base.leg_r), base.curl + float(rng.normal(0, 8)), base.vary, base.flat, base.hands,  # type: ignore[arg-type]
+        off(base.leg_l), off(base.leg_r), base.curl + float(rng.normal(0, 8)),  # type: ignore[arg-type]
+        base.vary, base.flat, base.hands,
     )  # fmt: skip
 
 

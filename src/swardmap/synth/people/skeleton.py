@@ -107,7 +107,7 @@ def _reached(
     start: Float64Array, joints: Float64Array, goal: Float64Array, pole: Float64Array, arm: bool
 ) -> tuple[Float64Array, Float64Array]:
     """Frames of the two bones of a limb that starts at `start` and ends at `goal`."""
-    a, b = np.linalg.norm(joints[1] - joints[0]), np.linalg.norm(joints[2] - joints[1])
+    a, b = (float(length) for length in np.linalg.norm(np.diff(joints, axis=0), axis=1))
     reach = goal - start
     d = float(np.clip(np.linalg.norm(reach), abs(a - b) + 1e-3, (a + b) * 0.9995))
     along = reach / np.linalg.norm(reach)

@@ -132,7 +132,7 @@ def put_down(
     centre: tuple[float, float] | None = None,
     z_m: float | None = None,
 ) -> tuple[Mesh, ...]:
-    """The meshes moved so that the lowest point is at z = 0, and `centre` (default: of the box) above the origin."""
+    """The meshes moved: the lowest point to z = 0, `centre` (default: of the box) above the origin."""
     low, high = points.min(0), points.max(0)
     middle = centre if centre is not None else (float(low[0] + high[0]) / 2, float(low[1] + high[1]) / 2)
     shift = np.array([-middle[0], -middle[1], -low[2] if z_m is None else z_m], np.float32)
