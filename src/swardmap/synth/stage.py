@@ -87,7 +87,7 @@ class GardenStage:
             from swardmap.synth.render import GardenRenderer
 
             rig = self._config.rig
-            self._renderer = GardenRenderer(rig.width, rig.height, rig.samples)
+            self._renderer = GardenRenderer(rig.width, rig.height, rig.samples, self._assets)
         view: View = self._renderer.render(garden, light, intrinsics, T_map_camera, stamp_ns)
         return view
 

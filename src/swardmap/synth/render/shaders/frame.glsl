@@ -1,0 +1,24 @@
+// What all programs know of a frame. `rel` = axes of the map, origin at the camera: keeps numbers small.
+layout(std140) uniform Frame {
+    mat4 clip_from_rel;
+    mat4 near_from_rel;   // to the shadow maps, 0..1
+    mat4 far_from_rel;
+    vec4 right;           // axes of the camera in the map
+    vec4 down;
+    vec4 forward;
+    vec4 lens;            // fx, fy, cx, cy in pixels
+    vec4 camera;          // its place in the map, m
+    vec4 sun_direction;
+    vec4 sun;
+    vec4 zenith;
+    vec4 horizon;
+    vec4 bounce;
+    vec4 air;             // haze per metre, clouds, half-shadow in near and in far map (share of its edge)
+    vec4 screen;          // picture elements an edge of a pixel, width, height, chance of the garden 0..1
+};
+
+// Ray through a fragment, of length 1 along the optical axis.
+vec3 ray_of(vec2 fragment) {
+    vec2 pixel = fragment / screen.x - 0.5;
+    return forward.xyz + right.xyz * ((pixel.x - lens.z) / lens.x) + down.xyz * ((pixel.y - lens.w) / lens.y);
+}

@@ -1,0 +1,63 @@
+#include "frame.glsl"
+#include "outputs.glsl"
+#ifdef RADIANCE
+#include "light.glsl"
+#endif
+centroid in vec3 rel;
+centroid in vec3 facing;
+centroid in vec2 at;
+uniform sampler2D picture;
+uniform bool textured;
+uniform bool cutout;
+uniform vec3 color;
+uniform vec3 gloss;  // translucency, specular, roughness
+uniform uvec2 identity;  // label, thing
+
+#ifdef RADIANCE
+vec4 shaded(vec3 albedo) {
+    vec3 normal = normalize(facing);
+    if (!cutout) {
+        vec3 flat_normal = cross(dFdx(rel), dFdy(rel));
+        if (dot(flat_normal, rel) > 0.0) flat_normal = -flat_normal;
+        if (dot(flat_normal, normal) < 0.0) normal = -normal;
+    }
+    float towards = dot(normal, sun_direction.xyz);
+    float share = sunlit(rel, normal, 3);
+    vec3 view = -normalize(rel);
+    vec3 sky = albedo * ambient(normal);
+    vec3 direct = albedo * max(towards, 0.0);
+    direct += albedo * vec3(1.0, 1.1, 0.55) * gloss.x * (cutout ? max(0.2 - 0.8 * towards, 0.0) : max(-towards, 0.0));
+    if (gloss.y > 0.0) {
+        float sharp = 2.0 / max(gloss.z * gloss.z * gloss.z * gloss.z, 1e-3);
+        vec3 halfway = normalize(view + sun_direction.xyz);
+        float fresnel = 0.04 + 0.96 * pow(1.0 - max(dot(normal, view), 0.0), 5.0);
+        direct += gloss.y * 0.04 * (sharp + 2.0) / 8.0 * pow(max(dot(normal, halfway), 0.0), sharp) * step(0.0, towards);
+        sky += gloss.y * fresnel * (1.0 - gloss.z) * sky_color(reflect(-view, normal));
+    }
+    direct *= sun.rgb * share;
+    vec3 total = sky + direct;
+    float part = dot(sky, vec3(0.3, 0.6, 0.1)) / max(dot(total, vec3(0.3, 0.6, 0.1)), 1e-6);
+    return vec4(through_air(total, rel), part);
+}
+#endif
+
+void main() {
+    vec4 texel = textured ? texture(picture, at) : vec4(1.0);
+#ifdef COVERAGE
+    // alpha becomes coverage of the samples, as sharp as a pixel
+    float alpha = cutout ? clamp((texel.a - 0.4) / max(fwidth(texel.a), 1e-3) + 0.5, 0.0, 1.0) : 1.0;
+    if (alpha <= 0.0) discard;
+#else
+    if (cutout && texel.a < 0.4) discard;
+#endif
+#ifdef RADIANCE
+    radiance = shaded(color * texel.rgb);
+#ifdef COVERAGE
+    if (cutout) radiance.a = alpha;
+#endif
+#endif
+#ifdef TRUTH
+    depth_m = 1.0 / gl_FragCoord.w;
+    ids = identity;
+#endif
+}
