@@ -3,8 +3,9 @@ PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
+VENV_ROS := .venv-ros
 
-.PHONY: demo test test-slow full-setup check format bench wheel-check clean
+.PHONY: demo test test-slow test-ros full-setup check format bench wheel-check clean
 
 $(READY): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -21,6 +22,15 @@ test: $(READY)            ## all tests but the slow ones
 
 test-slow: $(READY)       ## the slow tests
 	$(BIN)/python -m pytest -m slow
+
+test-ros:                 ## the ROS 2 node over real DDS; skipped where there are no wheels of ROS
+	$(PYTHON) -m venv $(VENV_ROS)
+	$(VENV_ROS)/bin/python -m pip install --quiet --disable-pip-version-check --editable '.[dev,gps]'
+	@if $(VENV_ROS)/bin/python -m pip install --quiet --disable-pip-version-check --editable '.[dev,gps,ros]'; then \
+	  $(VENV_ROS)/bin/python -m pytest -m 'slow or not slow' tests/ros; \
+	else \
+	  echo "skipped: the wheels of ROS 2 cannot be had for this Python and platform (see above)"; \
+	fi
 
 full-setup: $(READY)      ## every extra that runs without hardware; torch first, as a CPU build where there is one
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check torch==2.13.0

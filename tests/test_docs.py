@@ -38,12 +38,13 @@ def settings() -> dict[str, set[str]]:
 
 
 def commands(text: str) -> list[list[str]]:
-    """Every `swardmap ...` of the code in a page, in words."""
+    """Every `swardmap ...` of the code in a page, in words; a line that ends in a backslash goes on."""
+    text = re.sub(r"\\\n\s*", " ", text)
     fences = re.findall(r"^```(\w*)\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
     code = [body for language, body in fences if language in ("", "console", "bash", "sh")]
     code += re.findall(r"`(swardmap [^`]+)`", text)
     code += re.findall(r"^ {4}(swardmap .*)$", text, re.MULTILINE)
-    lines = "\n".join(code).replace("\\\n", " ").replace("\n  ", " ").splitlines()
+    lines = "\n".join(code).replace("\n  ", " ").splitlines()
     cut = (re.split(r"\s{2,}[A-Z]|\s#|\s>|\s&&", line)[0] for line in lines if line.startswith("swardmap "))
     return [shlex.split(line) for line in cut]
 
