@@ -85,6 +85,10 @@ class CameraWatch:
         if self._active_since_ns is not None:
             self._active_since_ns = now_ns
 
+    def jumped_back(self, now_ns: int) -> None:
+        """Take that a frame was refused for its stamp, before anybody looked at it."""
+        self._jumped_ns[Fault.JUMPED_BACK] = now_ns
+
     def restart(self, now_ns: int) -> None:
         """The clock went back: arrivals so far mean nothing."""
         self._last, self._since_ns, self._jumped_ns = None, {}, {}

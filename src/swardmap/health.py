@@ -44,10 +44,12 @@ class Fault(StrEnum):
     JUMPED_AHEAD = "stamp jumped ahead"
     LOST_POSE = "lost pose"
     FULL_QUEUE = "full queue"
+    BLIND = "blind"
+    IDLE = "idle"
 
 
-WARNINGS = frozenset({Fault.SLOW, Fault.FALLING_RATE, Fault.FULL_QUEUE})
-"""Faults that leave the map right, if late; every other one demands a stop."""
+WARNINGS = frozenset({Fault.SLOW, Fault.FALLING_RATE, Fault.FULL_QUEUE, Fault.BLIND})
+"""Faults that leave the map right, if late or with nothing new in it; every other one demands a stop."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +59,7 @@ class Diagnosis:
     Attributes:
         fault: its name.
         severity: WARN or STOP.
-        subject: name of the camera or queue, or `pose`, or `clock`.
+        subject: name of the camera or queue, or `pose`, `clock`, `rig` or `map`.
         message: the numbers, for a person.
     """
 
@@ -65,6 +67,11 @@ class Diagnosis:
     severity: Severity
     subject: str
     message: str
+
+    @classmethod
+    def named(cls, subject: str, fault: Fault, message: str) -> "Diagnosis":
+        """A fault with the severity that its kind has."""
+        return cls(fault, Severity.WARN if fault in WARNINGS else Severity.STOP, subject, message)
 
 
 @dataclass(frozen=True, slots=True)

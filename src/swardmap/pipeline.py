@@ -104,6 +104,7 @@ class ObstacleMapper:
         self.T_base_camera = T_base_camera
         self.area = area
         self._mapper: GridMapper | LivingMap | None = living
+        self._area_layer: tuple[GridSpec, NDArray[np.uint8]] | None = None
         self._last_stamp_ns: int | None = None
 
     def step(self, frame: Frame) -> StepResult:
@@ -159,8 +160,14 @@ class ObstacleMapper:
         if grid is None:
             return None
         placed = self.T_base_camera is None or grid.spec.frame_id != self.T_base_camera.parent
-        layer = self.area.layer(grid.spec) if self.area is not None and placed else None
+        layer = self._layer_of_area(grid.spec) if placed else None
         return build_costmap(grid, self.config.costmap, layer)
+
+    def _layer_of_area(self, spec: GridSpec) -> NDArray[np.uint8] | None:
+        """The work area as a layer; drawn once for each extent of the map."""
+        if self.area is not None and (self._area_layer is None or self._area_layer[0] != spec):
+            self._area_layer = spec, self.area.layer(spec)
+        return None if self._area_layer is None else self._area_layer[1]
 
     def _pose_of(self, frame: Frame) -> Pose:
         if frame.T_map_camera is not None:

@@ -10,7 +10,7 @@ from collections.abc import Collection, Iterable
 from swardmap.camera_watch import CameraWatch
 from swardmap.config import WatchdogConfig
 from swardmap.errors import InvalidValueError
-from swardmap.health import WARNINGS, Diagnosis, Fault, FrameStats, HealthReport, Latency, Severity, in_ns
+from swardmap.health import Diagnosis, Fault, FrameStats, HealthReport, Latency, Severity, in_ns
 
 NS = 1_000_000_000
 MAX_LATENCIES = 4096
@@ -47,11 +47,15 @@ class Watchdog:
         Raises:
             InvalidValueError: for a camera that was not named.
         """
-        if camera not in self._cameras:
-            raise InvalidValueError(
-                f"watchdog: no camera '{camera}'; it watches {', '.join(self._cameras) or 'none'}"
-            )
-        return self._cameras[camera].observe(stats)
+        return self._camera(camera).observe(stats)
+
+    def observe_refused_stamp(self, camera: str, now_ns: int) -> None:
+        """Take that a frame was left out before it could be looked at: its stamp is not after the last.
+
+        Raises:
+            InvalidValueError: for a camera that was not named.
+        """
+        self._camera(camera).jumped_back(now_ns)
 
     def observe_pose(self, stamp_ns: int) -> None:
         """Take the stamp of a pose, or of an image whose pose was found."""
@@ -68,12 +72,15 @@ class Watchdog:
         """Take that an image has just gone into the map."""
         self._latencies.append((now_ns, now_ns - stamp_ns))
 
-    def check(self, now_ns: int, active: Collection[str] | None = None) -> HealthReport:
+    def check(
+        self, now_ns: int, active: Collection[str] | None = None, others: Iterable[Diagnosis] = ()
+    ) -> HealthReport:
         """Say what is wrong now.
 
         Args:
             now_ns: the time.
             active: cameras that are to be running; None = all.
+            others: what the caller knows to be wrong; it counts as what is found here.
         """
         config = self._config
         if self._started_ns is None:
@@ -83,10 +90,8 @@ class Watchdog:
         self._last_check_ns = now_ns
         for name, camera in self._cameras.items():
             camera.set_active(active is None or name in active, now_ns)
-        diagnoses = tuple(
-            Diagnosis(fault, Severity.WARN if fault in WARNINGS else Severity.STOP, subject, message)
-            for subject, fault, message in self._found(now_ns)
-        )
+        found = (Diagnosis.named(*item) for item in self._found(now_ns))
+        diagnoses = (*found, *others)
         sick = any(d.severity == Severity.STOP for d in diagnoses)
         if sick:
             self._sick_ns = now_ns
@@ -99,6 +104,13 @@ class Watchdog:
         rates = {name: camera.rate_hz(now_ns) for name, camera in self._cameras.items()}
         forget_ns = None if age_s is None else now_ns - in_ns(age_s)
         return HealthReport(now_ns, diagnoses, stop, forget_ns, rates, self._latency(now_ns))
+
+    def _camera(self, name: str) -> CameraWatch:
+        if name not in self._cameras:
+            raise InvalidValueError(
+                f"watchdog: no camera '{name}'; it watches {', '.join(self._cameras) or 'none'}"
+            )
+        return self._cameras[name]
 
     def _found(self, now_ns: int) -> Iterable[tuple[str, Fault, str]]:
         config = self._config

@@ -1,6 +1,6 @@
 """A program of its own, with plain rclpy: plays a recording to the node, writes down all it publishes.
 
-python player.py BAG OUT.npz NAMESPACE [--drop 0.3] [--period 0.1] [--late 0.0] [--count N]
+python player.py BAG OUT.npz NAMESPACE [--drop 0.3] [--late 0.0] [--count N]
 """
 
 import argparse
@@ -48,7 +48,6 @@ class Ears:
         self.heard: dict[str, Any] = {}
         self.stops: list[tuple[float, bool]] = []
         self.health: list[dict[str, Any]] = []
-        self.maps: list[tuple[int, str]] = []
         self.diagnostics = 0
         self.shift_ns = 0
         for kind in ("mask", "confidence"):
@@ -91,7 +90,6 @@ class Ears:
             self.heard[f"{kind}_last"] = values
             most = self.heard.get(f"{kind}_most", values)  # the one with the most free cells
             self.heard[f"{kind}_most"] = max(most, values, key=lambda v: int((v == 0).sum()))
-            self.maps.append((stamp, kind))
 
         return take
 
@@ -123,8 +121,8 @@ def main() -> int:
     parser.add_argument("out", type=Path)
     parser.add_argument("namespace")
     parser.add_argument("--drop", type=float, default=0.0)
-    parser.add_argument("--period", type=float, default=0.1)
     parser.add_argument("--late", type=float, default=0.0, help="poses come so long after their images")
+    parser.add_argument("--wait", type=float, default=30.0, help="so long at most for the last frame's map")
     parser.add_argument("--linger", type=float, default=0.0, help="listen on for so long")
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--count", type=int, default=10_000)
@@ -160,10 +158,12 @@ def main() -> int:
     for due, topic, data in later:
         until(node, lambda due=due: time.time() >= due, 10)
         pubs[topic].publish(restamped(data, ears.shift_ns))
-    wanted = max(times)
-    until(node, lambda: {(wanted, "map"), (wanted, "costmap")} <= set(ears.maps), 10 if not args.drop else 2)
+    # of the last frame everything must have come, unless it was dropped or cannot be mapped
+    kinds = ("mask", "confidence", "cloud", "obstacles", "map", "costmap")
+    wanted = {f"{kind}/{max(times)}" for kind in kinds}
+    until(node, lambda: wanted <= set(ears.heard), args.wait)
     until(node, lambda: False, max(args.linger, 0.3))
-    told = {"health": ears.health, "stops": ears.stops, "diagnostics": ears.diagnostics, "maps": ears.maps}
+    told = {"health": ears.health, "stops": ears.stops, "diagnostics": ears.diagnostics}
     np.savez(args.out, told=json.dumps(told), **ears.heard)
     node.destroy_node()
     rclpy.shutdown()

@@ -184,7 +184,7 @@ def test_poses_that_come_late_are_waited_for(bag: Path, offline: MapRun, tmp_pat
 
 def test_poses_that_come_too_late_map_nothing(bag: Path, tmp_path: Path) -> None:
     with running(tmp_path, SETTINGS, RELIABLY | {"pose_wait_ms": 50.0}) as robot:
-        heard, told = robot.play(bag, "--late", "0.6", "--period", "0.1", "--count", "4")
+        heard, told = robot.play(bag, "--late", "0.6", "--count", "4", "--wait", "2")
     assert not told["health"][-1]["mapped"]
     assert told["health"][-1]["left_out"] == {"no pose of the camera at the time of the image": 4}
     assert told["health"][-1]["stop"]
@@ -193,7 +193,7 @@ def test_poses_that_come_too_late_map_nothing(bag: Path, tmp_path: Path) -> None
 
 def test_with_30_percent_lost_nothing_is_free_that_is_not(bag: Path, offline: MapRun, tmp_path: Path) -> None:
     with running(tmp_path, SETTINGS, RELIABLY) as robot:
-        heard, told = robot.play(bag, "--drop", "0.3", "--linger", "1.0")
+        heard, told = robot.play(bag, "--drop", "0.3", "--wait", "3")
     last = told["health"][-1]
     assert 0 < last["mapped"]["camera"] < FRAMES
     assert sum(last["left_out"].values()) > 0
@@ -259,7 +259,7 @@ def test_parameters_services_and_states(bag: Path, tmp_path: Path) -> None:
         assert not no_map[0]
         assert "no map yet" in no_map[1]
         assert paused[0]
-        _, told = robot.play(bag, "--count", "3", "--linger", "2.0")
+        _, told = robot.play(bag, "--count", "3", "--wait", "2")
         assert told["health"][-1]["stop"]
         assert told["health"][-1]["left_out"]["image while the node was paused"] == 3
         # 4: deactivate, 2: cleanup, 1: configure, 3: activate

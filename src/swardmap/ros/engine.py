@@ -6,7 +6,7 @@ or hangs: the lock is held for the update of the map only.
 
 import threading
 from collections import Counter
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
@@ -17,11 +17,13 @@ from swardmap.errors import InputError
 from swardmap.freshness import Freshness
 from swardmap.geometry import Pose
 from swardmap.grid import OccupancyGrid
-from swardmap.health import HealthReport, frame_stats
+from swardmap.health import Diagnosis, HealthReport, frame_stats
 from swardmap.labels import LabelSet
-from swardmap.pipeline import ObstacleMapper, Segmenter, StepResult
+from swardmap.living import LivingMap
+from swardmap.pipeline import ObstacleMapper, Segmenter, StepResult, configured_mount
 from swardmap.types import Frame, Segmentation
 from swardmap.watchdog import Watchdog
+from swardmap.work_area import WorkArea
 
 LATE_NS = 1_000_000_000
 """A frame this much older than the newest in the map says nothing about now; it is left out."""
@@ -52,14 +54,23 @@ class Engine:
         config: all settings.
         segmenter: used by the worker alone.
         mounts: T_base_camera by name of each camera, or None where it is not known.
+        area: work area, whose outside is kept out of in costmaps.
+        living: saved living map to go on from; it is changed.
     """
 
-    def __init__(self, config: Config, segmenter: Segmenter, mounts: Mapping[str, Pose | None]) -> None:
+    def __init__(
+        self,
+        config: Config,
+        segmenter: Segmenter,
+        mounts: Mapping[str, Pose | None],
+        area: WorkArea | None = None,
+        living: LivingMap | None = None,
+    ) -> None:
         self.config = config
         self.segmenter = segmenter
         self.left_out: Counter[str] = Counter()
         self.mapped: Counter[str] = Counter()
-        self._mounts = dict(mounts)
+        self._mounts, self._area = dict(mounts), area
         self._map_lock, self._watch_lock = threading.Lock(), threading.Lock()
         self._watchdog = Watchdog(tuple(mounts), config.watchdog)
         self._mapper: ObstacleMapper
@@ -67,7 +78,7 @@ class Engine:
         self._alone: OccupancyGrid | None
         self._newest_ns: int
         self._version = 0
-        self._begin()
+        self._begin(living)
 
     def map_frame(self, camera: str, frame: Frame, arrival_ns: int) -> StepResult | None:
         """Watch a frame, segment it, and put it into the map.
@@ -78,10 +89,7 @@ class Engine:
         Returns:
             What it gave, with the frame's own stamp; None if it is not fit for the map.
         """
-        stats = frame_stats(frame, arrival_ns, self._mounts.get(camera))
-        with self._watch_lock:
-            fit = self._watchdog.observe_frame(camera, stats)
-        if not fit:
+        if not self.watch_frame(camera, frame, arrival_ns):
             self.left_out[REASON_UNFIT] += 1
             return None
         version, started = self._version, perf_counter()
@@ -99,6 +107,17 @@ class Engine:
         timings_ms = step.timings_ms | {"segment": segment_ms}
         return replace(step, frame=frame, timings_ms=timings_ms)
 
+    def watch_frame(self, camera: str, frame: Frame, arrival_ns: int) -> bool:
+        """Let the watchdog look at a frame; returns whether it may go into the map."""
+        stats = frame_stats(frame, arrival_ns, self._mounts.get(camera))
+        with self._watch_lock:
+            return self._watchdog.observe_frame(camera, stats)
+
+    def observe_refused_stamp(self, camera: str, now_ns: int) -> None:
+        """Take that an image was left out since its stamp is not after the last."""
+        with self._watch_lock:
+            self._watchdog.observe_refused_stamp(camera, now_ns)
+
     def observe_mapped(self, stamp_ns: int, now_ns: int) -> None:
         """Take that an image is in the map now."""
         with self._watch_lock:
@@ -114,10 +133,10 @@ class Engine:
         with self._watch_lock:
             self._watchdog.observe_queue("queue", length, capacity, now_ns)
 
-    def check(self, now_ns: int, active: Collection[str]) -> HealthReport:
-        """What is wrong now, of the cameras that are to be running."""
+    def check(self, now_ns: int, active: Collection[str], others: Iterable[Diagnosis] = ()) -> HealthReport:
+        """What is wrong now, of the cameras that are to be running; `others` is what the caller has found."""
         with self._watch_lock:
-            return self._watchdog.check(now_ns, active)
+            return self._watchdog.check(now_ns, active, others)
 
     def snapshot(self, forget_before_ns: int | None) -> OccupancyGrid | None:
         """The map now, with every free cell that was last seen before a time as unknown; None if empty.
@@ -165,10 +184,13 @@ class Engine:
         with new_output_folder(folder, overwrite=False) as path, self._map_lock:
             RunWriter(path, plain).finish(grid, self.costmap(grid), summary, self._mapper.living)
 
-    def _begin(self) -> None:
+    def _begin(self, living: LivingMap | None = None) -> None:
         self._version += 1
-        self._mapper = ObstacleMapper(self.segmenter, self.config)
+        mount = configured_mount(self.config.mount)
+        self._mapper = ObstacleMapper(self.segmenter, self.config, mount, self._area, living)
         self._freshness, self._alone, self._newest_ns = None, None, 0
+        if living is not None:
+            self._freshness = Freshness(living.corner_cell)  # none of it was seen in this run
 
     def _step(self, frame: Frame, segmentation: Segmentation) -> StepResult:
         self._mapper.segmenter = _Given(segmentation)

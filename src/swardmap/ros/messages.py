@@ -119,6 +119,16 @@ def changed_rectangle(before: NDArray[Any], after: NDArray[Any]) -> Rectangle | 
     return x, y, int(columns[-1]) - x + 1, int(rows[-1]) - y + 1
 
 
+def joined(first: Rectangle | None, second: Rectangle | None) -> Rectangle | None:
+    """Smallest rectangle around two; None is empty."""
+    if first is None or second is None:
+        return first or second
+    x, y = min(first[0], second[0]), min(first[1], second[1])
+    right = max(first[0] + first[2], second[0] + second[2])
+    top = max(first[1] + first[3], second[1] + second[3])
+    return x, y, right - x, top - y
+
+
 def update_fields(values: NDArray[np.int8], rectangle: Rectangle, spec: GridSpec, stamp_ns: int) -> Fields:
     """map_msgs/OccupancyGridUpdate: a rectangle of a grid (rows, columns) that was published before."""
     x, y, width, height = rectangle

@@ -94,7 +94,9 @@ class RobotNode:
         from rcl_interfaces.msg import ParameterDescriptor
 
         descriptor = ParameterDescriptor(
-            description=declaration.about, dynamic_typing=declaration.optional or declaration.value is None
+            description=declaration.about,
+            additional_constraints=declaration.limits,
+            dynamic_typing=declaration.optional or declaration.value is None,
         )
         return self.node.declare_parameter(declaration.name, declaration.value, descriptor).value
 
@@ -136,6 +138,7 @@ class RobotNode:
 
         for sentence in self._types.without:
             self.log.info(sentence)
+        self._take_margin()
         node = self.parameters.node
         rig = None if node.rig_file is None else read_rig(node.rig_file)
         segmenter = build_segmenter(self.parameters.config.segmenter)
@@ -149,6 +152,23 @@ class RobotNode:
             raise
         self._serve(session)
         self.log.info(f"cameras: {', '.join(session.inputs)}; segmenter: {segmenter.name}")
+
+    def _take_margin(self) -> None:
+        """The measured margin, in place of what the parameters say; they tell it from then on."""
+        from rclpy.parameter import Parameter
+
+        from swardmap.eval.margin_file import read_margin
+
+        file = self.parameters.node.margin_file
+        if file is None:
+            return
+        margin = read_margin(file)
+        person_m = margin.margin_m if margin.person_margin_m is None else margin.person_margin_m
+        found = {"costmap.margin_m": margin.margin_m, "costmap.person_margin_m": person_m}
+        result = self.node.set_parameters_atomically([Parameter(n, value=float(v)) for n, v in found.items()])
+        if not result.successful:
+            raise ConfigError(f"{file}: {result.reason}")
+        self.log.info(f"margin {margin.margin_m:g} m, around persons {person_m:g} m, of {file}")
 
     def _activate(self) -> None:
         self._active.set()
@@ -272,11 +292,7 @@ class RobotNode:
         if session is None or outputs is None or not (self._active.is_set() or session.failure):
             return
         report = session.check(self._now_ns())
-        facts = {
-            "mapped": dict(session.engine.mapped), "left_out": session.skipped,
-            "active": list(session.active_names), "paused": session.paused, "error": session.last_error,
-        }  # fmt: skip
-        outputs.publish_health(report, facts)
+        outputs.publish_health(report, session.facts)
 
     def _guarded(self, target: Callable[[], None]) -> None:
         """A thread that fails says so: from then on the flag is stop and the map turns unknown."""

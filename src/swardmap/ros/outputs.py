@@ -26,7 +26,10 @@ class GridChannel:
     """A grid on two topics: whole, latched; and what changed since, as map_msgs/OccupancyGridUpdate.
 
     A grid that grew is sent whole, and each `full_s` seconds, so that who comes late is not left with an old
-    one. Without map_msgs what changed is sent as a whole grid.
+    one. An update holds all that has changed since the whole one, again and again: Nav2's StaticLayer keeps a
+    whole map waiting for its next cycle, and puts it over the updates that came meanwhile
+    (nav2_costmap_2d/plugins/static_layer.cpp, incomingMap and updateBounds). Without map_msgs what changed is
+    sent as a whole grid.
 
     Args:
         node: of rclpy.
@@ -44,22 +47,24 @@ class GridChannel:
         self._values: NDArray[np.int8] | None = None
         self._spec: GridSpec | None = None
         self._whole_s = -np.inf
+        self._since_whole: messages.Rectangle | None = None
 
     def publish(
         self, values: NDArray[np.int8], spec: GridSpec, stamp_ns: int, now_s: float, full_s: float
     ) -> None:
-        """Send what changed, or all of it; nothing if it is as it was and a whole one is not due."""
+        """Send what changed since the whole grid, or all of it if that is due; nothing if nothing changed."""
         last, self._values = self._values, values
         grown, self._spec = spec != self._spec, spec
         part = None if grown or last is None else messages.changed_rectangle(last, values)
-        due = now_s - self._whole_s >= max(full_s, 0.1)
-        if not (grown or last is None or due or part is not None):
+        self._since_whole = messages.joined(self._since_whole, part)
+        due = grown or last is None or now_s - self._whole_s >= max(full_s, 0.1)
+        if not due and self._since_whole is None:
             return
-        if part is not None and not due and full_s > 0 and self._update_type is not None:
-            update = messages.update_fields(values, part, spec, stamp_ns)
+        if not due and full_s > 0 and self._update_type is not None and self._since_whole is not None:
+            update = messages.update_fields(values, self._since_whole, spec, stamp_ns)
             self.publishers[1].publish(ros_message(self._update_type, update))
             return
-        self._whole_s = now_s
+        self._whole_s, self._since_whole = now_s, None
         fields = occupancy_grid_fields(values, spec, stamp_ns, spec.frame_id)
         self.publishers[0].publish(ros_message(self._type, fields))
 

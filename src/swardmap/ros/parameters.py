@@ -24,9 +24,12 @@ LEFT_OUT = frozenset(
 
 @dataclass(frozen=True)
 class NodeConfig(Checked):
-    """What only a node needs."""
+    """What only a node needs; paths are taken from where the node was started."""
 
     rig_file: str | None = setting(None, "YAML file that names the cameras (docs/rig.md); none = one camera")
+    margin_file: str | None = setting(
+        None, "margin.yaml of swardmap evaluate, in place of costmap.margin_m and costmap.person_margin_m"
+    )
     pose_source: str = setting(
         "auto",
         "where poses come from; auto: the odometry if source.odometry_topic is set, else tf; "
@@ -41,7 +44,10 @@ class NodeConfig(Checked):
         2, "images and clouds that DDS holds for each subscription and publisher", minimum=1, maximum=1000
     )
     queue_frames: int = setting(
-        2, "frames that wait for the mapper; when it is full the oldest is dropped", minimum=1, maximum=1000
+        2,
+        "frames of a camera that wait for the mapper; when there are more its oldest is dropped",
+        minimum=1,
+        maximum=1000,
     )
     map_rate_hz: float = setting(5.0, "maps a second at most", minimum=0.1, maximum=100)
     full_map_s: float = setting(
@@ -78,6 +84,13 @@ class Declaration:
     optional: bool
     minimum: float | None
     maximum: float | None
+
+    @property
+    def limits(self) -> str:
+        """The limits in words; empty if there are none."""
+        low = "" if self.minimum is None else f"at least {self.minimum:g}"
+        high = "" if self.maximum is None else f"at most {self.maximum:g}"
+        return ", ".join(filter(None, (low, high)))
 
 
 def declarations(parameters: Parameters) -> tuple[Declaration, ...]:
@@ -148,6 +161,7 @@ LOADED = "the network is loaded when the node is configured: set it in the param
 
 REFUSALS: Mapping[str, str] = {
     "segmenter.name": LOADED, "segmenter.threads": LOADED, "segmenter.provider": LOADED,
+    "margin_file": "it is read when the node is configured: set costmap.margin_m instead, or cleanup first",
     "source": SUBSCRIBED, "rig_file": SUBSCRIBED, "mount": SUBSCRIBED, "pose_source": SUBSCRIBED,
     "image_reliability": SUBSCRIBED, "image_depth": SUBSCRIBED, "queue_frames": SUBSCRIBED,
     "autostart": "the node has started",

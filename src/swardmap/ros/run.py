@@ -1,15 +1,20 @@
 """Start the node, spin until it is stopped, and leave nothing behind."""
 
+import signal
 import sys
+import threading
 from collections.abc import Sequence
 
 from swardmap.errors import ConfigError, InputError
 from swardmap.ros.parameters import Parameters
 from swardmap.ros.topics import rclpy_module
 
+WAITS_S = 0.2
+"""A wait for messages takes at most so long: Python looks for signals between two of them."""
+
 
 def run_node(defaults: Parameters | None = None, arguments: Sequence[str] = ()) -> None:
-    """Run the node until Ctrl-C, SIGTERM or a shutdown of ROS.
+    """Run the node until Ctrl-C, SIGTERM or a shutdown of ROS; the last it says is stop, all unknown.
 
     Args:
         defaults: what parameters are unless ROS says otherwise.
@@ -28,6 +33,7 @@ def run_node(defaults: Parameters | None = None, arguments: Sequence[str] = ()) 
     from swardmap.ros.node import RobotNode
 
     rclpy.init(args=[sys.argv[0], *arguments], signal_handler_options=SignalHandlerOptions.NO)
+    ended = _on_signals()
     robot = None
     try:
         robot = RobotNode(defaults)
@@ -35,7 +41,8 @@ def run_node(defaults: Parameters | None = None, arguments: Sequence[str] = ()) 
             raise InputError("the node could not be configured: see its log")
         executor = SingleThreadedExecutor()
         executor.add_node(robot.node)
-        executor.spin()
+        while rclpy.ok() and not ended.is_set():
+            executor.spin_once(timeout_sec=WAITS_S)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass  # how a node is stopped
     except ParameterException as error:
@@ -44,6 +51,23 @@ def run_node(defaults: Parameters | None = None, arguments: Sequence[str] = ()) 
         if robot is not None:
             robot.close()
         rclpy.try_shutdown()
+
+
+def _on_signals() -> threading.Event:
+    """What is set at the first SIGINT or SIGTERM; the next one does what it always did."""
+    ended = threading.Event()
+    kinds = (signal.SIGINT, signal.SIGTERM)
+    before = {kind: signal.getsignal(kind) for kind in kinds}
+
+    def end(_: int, __: object) -> None:
+        ended.set()
+        for kind in kinds:
+            signal.signal(kind, before[kind])
+
+    if threading.current_thread() is threading.main_thread():
+        for kind in kinds:
+            signal.signal(kind, end)
+    return ended
 
 
 def main() -> None:

@@ -4,18 +4,20 @@
 """
 
 from collections import Counter, deque
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from swardmap.config import Config
 from swardmap.errors import ConfigError, SwardmapError
 from swardmap.geometry import Pose
-from swardmap.health import Diagnosis, Fault, HealthReport, Severity
+from swardmap.health import Diagnosis, Fault, HealthReport
 from swardmap.io.pairing import COLOR
 from swardmap.io.ros_messages import pose_from_odometry, stamp_ns
 from swardmap.io.tf import ALWAYS_NS
+from swardmap.living import LivingMap
 from swardmap.pipeline import Segmenter, StepResult, configured_mount
 from swardmap.rig import Rig
 from swardmap.ros.engine import Engine
@@ -24,6 +26,7 @@ from swardmap.ros.inputs import CameraInput, CameraPair, camera_topics
 from swardmap.ros.parameters import Parameters
 from swardmap.ros.poses import LivePoses
 from swardmap.travel import ActiveCameras
+from swardmap.work_area import WorkArea
 
 ONLY_CAMERA = "camera"
 """Name of the camera where there is no rig."""
@@ -37,6 +40,9 @@ WAITING_PAIRS = 30
 CLOCK_BACK_NS = 1_000_000_000
 """A camera whose stamps go back further has a new clock: a recording begins anew, a simulation was reset."""
 
+MAP, RIG = "map", "rig"
+"""Subjects of what the session itself finds wrong."""
+
 REASON_POSE = "no pose of the camera at the time of the image"
 REASON_VIEW = "no transform between colour and depth camera"
 REASON_DAMAGED = "image that cannot be used"
@@ -47,11 +53,12 @@ REASON_PAUSED = "image while the node was paused"
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """Images whose pose is known, for the worker."""
+    """Images for the worker; those whose pose never came are looked at, and not mapped."""
 
     pair: CameraPair
     T_map_camera: Pose | None
     T_color_depth: Pose | None
+    lost: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,6 +79,8 @@ class Session:
 
     Raises:
         ConfigError: if parameters contradict each other.
+        InputError: if the work area or the saved map cannot be read.
+        MissingExtraError: for a work area without pyproj.
     """
 
     def __init__(self, parameters: Parameters, segmenter: Segmenter, rig: Rig | None = None) -> None:
@@ -81,14 +90,7 @@ class Session:
         self.last_error = self.failure = ""
         self.report: HealthReport | None = None
         self._mapped_ns: int | None = None
-        self.posed = parameters.node.pose_source != "none"
-        if rig is not None and not self.posed:
-            raise ConfigError("pose_source none: a rig needs poses, or its cameras cannot share a map")
-        self.from_odometry = parameters.node.pose_source == "odometry" or (
-            parameters.node.pose_source == "auto" and config.source.odometry_topic is not None
-        )
-        if self.from_odometry and config.source.odometry_topic is None:
-            raise ConfigError("pose_source odometry: set source.odometry_topic")
+        self.posed, self.from_odometry = _pose_source(parameters, rig)
         if not self.posed:  # nobody can lose what was never there
             config = replace(config, watchdog=replace(config.watchdog, pose_s=None))
         cameras = {ONLY_CAMERA: None} if rig is None else {c.name: c for c in rig.cameras}
@@ -100,11 +102,12 @@ class Session:
         self.active = None if rig is None else ActiveCameras(rig)
         self.poses = LivePoses(config.source)
         self.queue = FrameQueue[Job](parameters.node.queue_frames)
-        self.engine = Engine(config, segmenter, self._mounts)
+        self.engine = Engine(config, segmenter, self._mounts, *_area_and_map(config))
         self._skipped: Counter[str] = Counter()
         self._waiting: deque[CameraPair] = deque()
         self._newest_ns: dict[str, int] = {}
         self._optical: dict[str, str] = {}
+        self._dropped = 0
 
     @property
     def active_names(self) -> tuple[str, ...]:
@@ -113,12 +116,23 @@ class Session:
 
     @property
     def skipped(self) -> dict[str, int]:
-        """What did not reach the map, by reason."""
+        """What did not reach the map, by reason; cameras that look the other way are no omission."""
         total = Counter(self._skipped) + Counter(self.engine.left_out)
         for camera in self.inputs.values():
             total += Counter(camera.skipped)
-        total[REASON_QUEUE] = self.queue.dropped
+        total[REASON_QUEUE] = self.queue.dropped.total()
         return {reason: count for reason, count in total.items() if count}
+
+    @property
+    def facts(self) -> dict[str, object]:
+        """Numbers for whoever wants to know, beside the report."""
+        told: dict[str, object] = {
+            "mapped": dict(self.engine.mapped), "left_out": self.skipped, "active": list(self.active_names),
+            "paused": self.paused, "error": self.last_error,
+        }  # fmt: skip
+        if self.active is not None:
+            told |= {"direction": self.active.selector.direction, "dropped": dict(self.active.dropped)}
+        return told
 
     def on_info(self, camera: str, kind: str, message: Any) -> None:
         """Take a CameraInfo."""
@@ -137,7 +151,7 @@ class Session:
             admitted = self.active.admits(camera) if is_color else camera in self.active.names
             if not admitted:
                 return
-        self._check_clock(camera, kind, stamp_ns(message.header.stamp))
+        self._check_clock(camera, kind, stamp_ns(message.header.stamp), now_ns)
         for pair in self.inputs[camera].add_image(kind, message, now_ns):
             self._optical[camera] = pair.color_frame
             self._waiting.append(pair)
@@ -174,11 +188,10 @@ class Session:
                 continue
             T_map_camera = self._pose_of(pair, overdue)
             if T_map_camera is None and self.posed:
-                if overdue:
-                    self._skipped[REASON_POSE] += 1
-                else:
+                if not overdue:
                     self._waiting.append(pair)
-                continue
+                    continue
+                self._skipped[REASON_POSE] += 1
             self._hand_over(pair, T_map_camera)
 
     def process(self, timeout_s: float) -> Mapped | None:
@@ -189,6 +202,9 @@ class Session:
         pair = job.pair
         try:
             frame = self.inputs[pair.camera].build_frame(pair, job.T_map_camera, job.T_color_depth)
+            if job.lost:
+                self.engine.watch_frame(pair.camera, frame, pair.arrival_ns)
+                return None
             step = self.engine.map_frame(pair.camera, frame, pair.arrival_ns)
         except SwardmapError as error:
             self._damaged(error)
@@ -205,8 +221,12 @@ class Session:
         self.release(now_ns)
         active = self.active_names
         self._observe_poses(now_ns, active)
-        self.engine.observe_queue(len(self.queue), self.queue.capacity, now_ns)
-        self.report = self._with_idle_map(self.engine.check(now_ns, active))
+        dropped = self.queue.dropped.total()
+        full = self.queue.capacity if dropped > self._dropped else self.queue.longest
+        self._dropped = dropped
+        self.engine.observe_queue(full, self.queue.capacity, now_ns)
+        running = () if self.paused else active  # a camera that nobody listens to is not at fault
+        self.report = self.engine.check(now_ns, running, self._found(now_ns))
         return self.report
 
     def clear(self) -> None:
@@ -219,23 +239,21 @@ class Session:
         """Say that a thread of the node has ended: nothing will be mapped again."""
         self.failure = reason
 
-    def _with_idle_map(self, report: HealthReport) -> HealthReport:
-        """The report, with a stop if nothing reaches the map, whatever the cameras look like.
-
-        That is so while the node is paused, if a network fails on each frame, or after a failure.
-        """
-        config, now_ns = self.engine.config.watchdog, report.stamp_ns
+    def _found(self, now_ns: int) -> Iterator[Diagnosis]:
+        """What is wrong, whatever the cameras look like: nothing reaches the map, or nobody looks ahead."""
+        config = self.engine.config.watchdog
         if self._mapped_ns is None or self._mapped_ns > now_ns:  # not yet, or the clock went back
             self._mapped_ns = now_ns
         idle_s = (now_ns - self._mapped_ns) / 1e9
-        if not self.failure and idle_s <= config.stopped_s + config.stale_s:
-            return report
-        text = self.failure or f"nothing was mapped for {idle_s:.2f} s" + (": paused" if self.paused else "")
-        diagnosis = Diagnosis(Fault.STALE, Severity.STOP, "map", text)
-        forget_ns = now_ns - round(config.forget_s * 1e9)
-        before_ns = max(forget_ns, report.forget_before_ns or forget_ns)
-        found = (*report.diagnoses, diagnosis)
-        return replace(report, diagnoses=found, stop=True, forget_before_ns=before_ns)
+        if self.failure:
+            yield Diagnosis.named(MAP, Fault.IDLE, self.failure)
+        elif self.paused:
+            yield Diagnosis.named(MAP, Fault.IDLE, f"paused; nothing was mapped for {idle_s:.2f} s")
+        elif idle_s > config.stopped_s + config.stale_s:
+            yield Diagnosis.named(MAP, Fault.IDLE, f"nothing was mapped for {idle_s:.2f} s")
+        if self.active is not None and self.active.blind:
+            text = f"travels {self.active.selector.direction}, where no camera looks"
+            yield Diagnosis.named(RIG, Fault.BLIND, text)
 
     def _hand_over(self, pair: CameraPair, T_map_camera: Pose | None) -> None:
         T_color_depth = self.poses.between(pair.color_frame, pair.depth_frame)
@@ -244,7 +262,8 @@ class Session:
             return
         if T_color_depth is not None and np.array_equal(T_color_depth.matrix, np.eye(4)):
             T_color_depth = None
-        self.queue.put(Job(pair, T_map_camera, T_color_depth))
+        lost = T_map_camera is None and self.posed
+        self.queue.put(pair.camera, Job(pair, T_map_camera, T_color_depth, lost))
 
     def _pose_of(self, pair: CameraPair, overdue: bool) -> Pose | None:
         if not self.posed:
@@ -267,13 +286,16 @@ class Session:
             return self.rig.T_base_camera(name)
         return configured_mount(self.parameters.config.mount)
 
-    def _check_clock(self, camera: str, kind: str, stamp: int) -> None:
+    def _check_clock(self, camera: str, kind: str, stamp: int, now_ns: int) -> None:
         key = f"{camera}/{kind}"
-        if stamp < self._newest_ns.get(key, stamp) - CLOCK_BACK_NS:
+        newest = self._newest_ns.get(key)
+        if newest is not None and stamp < newest - CLOCK_BACK_NS:
             self._newest_ns.clear()
             for each in self.inputs.values():
                 each.restart()
             self.clear()
+        elif newest is not None and stamp <= newest and kind == COLOR:
+            self.engine.observe_refused_stamp(camera, now_ns)  # the pairing will leave it out
         self._newest_ns[key] = max(stamp, self._newest_ns.get(key, stamp))
 
     def _observe_poses(self, now_ns: int, active: tuple[str, ...]) -> None:
@@ -296,3 +318,27 @@ class Session:
     def _damaged(self, error: SwardmapError) -> None:
         self._skipped[REASON_DAMAGED] += 1
         self.last_error = str(error)
+
+
+def _pose_source(parameters: Parameters, rig: Rig | None) -> tuple[bool, bool]:
+    """Whether there are poses at all, and whether they are of an odometry."""
+    source, topic = parameters.node.pose_source, parameters.config.source.odometry_topic
+    if source == "none" and rig is not None:
+        raise ConfigError("pose_source none: a rig needs poses, or its cameras cannot share a map")
+    if source == "none" and configured_mount(parameters.config.mount) is None:
+        raise ConfigError("pose_source none: set mount.height_m and mount.pitch_deg")
+    if source == "odometry" and topic is None:
+        raise ConfigError("pose_source odometry: set source.odometry_topic")
+    return source != "none", source == "odometry" or (source == "auto" and topic is not None)
+
+
+def _area_and_map(config: Config) -> tuple[WorkArea | None, LivingMap | None]:
+    """The work area, and the saved map to go on from, where the configuration names them."""
+    from swardmap.io.area_files import read_area
+    from swardmap.io.living_files import read_living_map
+
+    area = read_area(config.area)
+    living = None if config.grid.resume is None else read_living_map(config.grid.resume, config)
+    if area is not None and living is not None:
+        area.check_frame(living.corner_cell.frame_id)
+    return area, living
