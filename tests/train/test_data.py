@@ -1,5 +1,6 @@
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import pytest
 
 from swardmap.errors import ConfigError, InputError
 from swardmap.geometry import Intrinsics
+from swardmap.io.eden import write_eden
 from swardmap.io.folder import write_folder
 from swardmap.labels import VOID_ID
 from swardmap.synth.analytic import AnalyticSource, lane_poses
@@ -199,7 +201,7 @@ def test_a_coco_file_serves_as_masks(data_root: Path, tiny_recipe: MakeRecipe, t
 
 def test_a_recording_serves_as_photos(tiny_recipe: MakeRecipe, tmp_path: Path) -> None:
     camera = Intrinsics(96, 72, 70.0, 70.0, 47.5, 35.5)
-    frames = list(AnalyticSource(poses=tuple(lane_poses(6)), intrinsics=camera))
+    frames = [replace(f, tags={}) for f in AnalyticSource(poses=tuple(lane_poses(6)), intrinsics=camera)]
     write_folder(frames, tmp_path / "garden")
     recipe = tiny_recipe()
     recipe["data"] = [{"name": "garden", "folder": "garden", "kind": "recording", "hold_out": 3}]
@@ -209,3 +211,29 @@ def test_a_recording_serves_as_photos(tiny_recipe: MakeRecipe, tmp_path: Path) -
     recipe["data"].append(recipe["data"][0] | {"validation": True})
     held = load_photos(recipe_from_dict(recipe), tmp_path, validation=True)[0].photos
     assert {p.stem for p in held} | {p.stem for p in photos} == {f"{i:06d}" for i in range(6)}
+
+
+def test_gardens_are_held_out_by_the_scene_in_both_layouts(tiny_recipe: MakeRecipe, tmp_path: Path) -> None:
+    camera = Intrinsics(96, 72, 70.0, 70.0, 47.5, 35.5)
+    for scene in range(3):
+        for light in ("clear", "sunset"):
+            source = AnalyticSource(poses=tuple(lane_poses(2)), intrinsics=camera)
+            tags = {"scene": f"{scene:04d}", "illumination": light}
+            frames = [replace(frame, tags=tags) for frame in source]
+            write_eden(frames, tmp_path / "eden", scene=tags["scene"], illumination=light)
+            sequence = tmp_path / "folder" / tags["scene"] / light
+            write_folder(frames, sequence)
+            write_folder(frames, sequence / "exact")  # the same frames with other depth: not read twice
+    recipe = tiny_recipe()
+    for layout in ("eden", "folder"):
+        entry = {"name": "gardens", "folder": layout, "kind": "recording", "hold_out": 3}
+        recipe["data"] = [entry, entry | {"name": "held", "validation": True}]
+        learn, held = (
+            load_photos(recipe_from_dict(recipe), tmp_path, validation=v)[0].photos for v in (False, True)
+        )
+        assert (len(learn), len(held)) == (8, 4)
+        assert [p.light for p in held] == ["clear", "clear", "sunset", "sunset"]
+        if layout == "eden":
+            assert {p.stem.split("-")[0] for p in held} == {"0001"}
+            assert {p.stem.split("-")[0] for p in learn} == {"0000", "0002"}
+    np.testing.assert_array_equal(held[0].codes, frames[0].labels)

@@ -3,6 +3,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 
@@ -122,6 +123,14 @@ def test_a_run_may_begin_from_anothers_weights(
         torch.testing.assert_close(value, begun[key])
     assert train(again, data_root, tmp_path / "second", silent).step == 2
     other = tiny_recipe(steps=2, encoder="resnet18", imagenet=False) | {"start": start}
+    binary = tiny_recipe(steps=1, classes="grass-obstacle", activation="sigmoid") | {"start": start}
+    binary["schedule"] = binary["schedule"] | still  # other classes: all but the head is taken
+    run = train(recipe_from_dict(binary), data_root, tmp_path / "binary", silent)
+    for key, value in run.network.named_parameters():
+        if key.startswith("segmentation_head"):
+            assert value.shape[0] == 1
+        else:
+            torch.testing.assert_close(value, begun[key])
     with pytest.raises(ModelError, match="expected a checkpoint of the same network"):
         train(recipe_from_dict(other), data_root, tmp_path / "third", silent)
 
@@ -145,3 +154,20 @@ def test_each_validation_set_has_its_say_in_the_choice(data_root: Path, tiny_rec
         torch.device("cpu"),
     )
     assert measured["a.accuracy"] == measured["b.accuracy"] == measured["accuracy"]
+
+
+def test_half_precision_learns_as_full_precision(data_root: Path, tiny_recipe: MakeRecipe) -> None:
+    losses = {}
+    for precision in ("fp32", "bf16"):
+        tree = tiny_recipe(steps=40)
+        tree["schedule"] |= {"precision": precision, "batch": 8}
+        recipe = recipe_from_dict(tree)
+        run, sets = start_run(recipe, torch.device("cpu")), load_photos(recipe, data_root, validation=False)
+        losses[precision] = [train_step(run, sets, make_codes(recipe)) for _ in range(12)]
+        assert all(
+            p.dtype == torch.float32 for p in run.network.parameters()
+        )  # only the arithmetic is halved
+    assert losses["bf16"] != losses["fp32"]
+    assert losses["bf16"][0] == pytest.approx(losses["fp32"][0], rel=0.05)
+    for course in losses.values():
+        assert np.mean(course[-3:]) < 0.85 * np.mean(course[:3])

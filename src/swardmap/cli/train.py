@@ -1,6 +1,5 @@
 """`swardmap train`: a recipe to a checkpoint."""
 
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
@@ -27,18 +26,24 @@ def train(
     Many GPUs: torchrun --nproc-per-node 4 -m swardmap train ...
     """
     torch = require("torch", "train")
+    from swardmap.train.loop import join_processes
     from swardmap.train.loop import train as run_training
     from swardmap.train.recipe import load_recipe
 
     chosen = load_recipe(recipe)
     if threads:
         torch.set_num_threads(threads)
-    if distil:
-        _distil(chosen, data)
     if device == "auto":
         device = "cuda" if torch.cuda.is_available() else "cpu"
+    rank, world = join_processes(device)  # torchrun starts several
+    if distil and rank == 0:
+        _distil(chosen, data)
+    if world > 1:
+        torch.distributed.barrier()
     run = run_training(chosen, data, out, _report, device)
-    if os.environ.get("RANK", "0") == "0":  # torchrun starts several
+    if world > 1:
+        torch.distributed.destroy_process_group()
+    if rank == 0:
         print(f"trained {run.step} steps; best checkpoint: {out / 'best.pt'}")
 
 

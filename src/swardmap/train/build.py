@@ -2,6 +2,7 @@
 
 import torch
 
+from swardmap.labels import Role
 from swardmap.models.spec import NetworkSpec
 from swardmap.train.encoders import RESNET_DEPTHS, freeze_filters, load_imagenet
 from swardmap.train.networks import DeepLabV3Plus
@@ -39,3 +40,12 @@ def build_network(recipe: Recipe, pretrained: bool = True) -> DeepLabV3Plus:
     if config.frozen_blocks >= 0 and config.imagenet:
         freeze_filters(network.encoder, config.frozen_blocks)
     return network
+
+
+@torch.no_grad()
+def add_grass_bias(network: DeepLabV3Plus, spec: NetworkSpec, bias: float) -> None:
+    """Add to the logits of the classes that may be driven on."""
+    roles = {c.id: c.role for c in spec.label_set.classes}
+    free = torch.tensor([roles[i] is Role.FREE for i in spec.channel_ids][-spec.channels :])
+    shift = network.segmentation_head[0].bias
+    shift += bias * free.to(shift)

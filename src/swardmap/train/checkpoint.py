@@ -15,6 +15,7 @@ from swardmap.train.networks import DeepLabV3Plus
 from swardmap.train.recipe import Recipe, recipe_from_dict, recipe_to_dict
 
 CHECKPOINT_VERSION = 1
+HEAD = "segmentation_head."
 
 
 @dataclass(eq=False)
@@ -78,10 +79,13 @@ def restore(run: Run, path: Path) -> None:
 def begin_from(run: Run, path: Path) -> None:
     """Take the weights of another run's checkpoint; steps, learning rates and history start anew.
 
+    A network of other classes takes all but the head, its last layer.
+
     Raises:
         ModelError: for a file that is no checkpoint, or one of another network.
     """
-    average = read_checkpoint(path)["average"]
+    average, own = read_checkpoint(path)["average"], run.network.state_dict()
+    average |= {k: own[k] for k in own if k.startswith(HEAD) and _shape(average.get(k)) != own[k].shape}
     try:
         run.network.load_state_dict(average)
     except RuntimeError as error:  # torch lists every tensor that does not fit
@@ -119,6 +123,10 @@ def load_network(path: Path) -> tuple[DeepLabV3Plus, Recipe, dict[str, Any]]:
     network = build_network(recipe, pretrained=False)
     network.load_state_dict(state["average"])
     return network.eval(), recipe, state
+
+
+def _shape(value: Any) -> tuple[int, ...] | None:
+    return getattr(value, "shape", None)
 
 
 def _save(state: Mapping[str, Any], path: Path) -> None:

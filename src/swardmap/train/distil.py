@@ -7,6 +7,7 @@ are teachers; they are run by ONNX Runtime and are not part of the package.
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +15,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from swardmap.errors import InputError, ModelError
-from swardmap.labels import GRASS, OTHER, PERSON, VOID_ID
+from swardmap.errors import ConfigError, InputError, ModelError
+from swardmap.labels import GRASS, OTHER, PERSON, VOID_ID, Role
+from swardmap.models import bundled_network
+from swardmap.models.onnx import preprocess
+from swardmap.models.spec import METADATA_KEY, NetworkSpec
 from swardmap.train.augment import Image
 from swardmap.train.recipe import TeacherConfig
 
@@ -38,14 +42,18 @@ class Opinion:
 
 
 class Teacher:
-    """A segmentation network in an .onnx file, with logits as its output."""
+    """A segmentation network in an .onnx file, with logits as its output.
+
+    A file with swardmap's metadata says itself how it is fed and which channels are grass and person;
+    the file `auto` is the network in the package.
+    """
 
     def __init__(self, config: TeacherConfig, root: Path, threads: int = 1) -> None:
         import onnxruntime
 
-        path = root / config.file
-        if not path.is_file():
-            raise InputError(f"no such teacher: {path}")
+        path = bundled_network() if config.file == "auto" else root / config.file
+        if path is None or not path.is_file():
+            raise InputError(f"no such teacher: {path or 'this package holds no network'}")
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = threads
         options.log_severity_level = 4
@@ -55,21 +63,44 @@ class Teacher:
             )
         except Exception as error:  # the runtime's exceptions share no narrower base
             raise ModelError(f"teacher {path}: expected an ONNX network ({str(error)[:120]})") from error
-        self._config = config
+        text = self._session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)
+        self._spec = None if text is None else NetworkSpec.from_json(text, str(path))
+        if text is None and not (config.grass or config.person):
+            raise ConfigError(f"teacher {path}: say which of its channels are grass or person; it does not")
+        self._config, self._path = config, path
         self._input: str = self._session.get_inputs()[0].name
 
     def __call__(self, rgb: Image) -> Opinion:
         """What it says of an image (H, W, 3) uint8."""
+        if self._spec is not None:
+            return self._by_its_metadata(rgb, self._spec)
         config = self._config
         x = cv2.resize(rgb, (config.size, config.size)).astype(np.float32) / 255
         x = ((x - config.mean) / config.std).transpose(2, 0, 1)[None]
-        logits = self._session.run(None, {self._input: np.ascontiguousarray(x, np.float32)})[0][0]
-        exponents = np.exp(logits - logits.max(0))
-        probability = (exponents / exponents.sum(0)).astype(np.float32)
-        top = probability.argmax(0)
+        probability = self._probability(np.ascontiguousarray(x, np.float32), 1.0)
         ids = {k: _ids(getattr(config, k)) for k in ("grass", "person", "doubtful")}
+        if max(chain(*ids.values()), default=0) >= len(probability):
+            raise ConfigError(f"teacher {self._path}: it has {len(probability)} channels, from 0; got {ids}")
         grass, person = (probability[ids[k]].sum(0) if ids[k] else None for k in ("grass", "person"))
-        return Opinion(grass, person, np.isin(top, ids["doubtful"]))
+        return Opinion(grass, person, np.isin(probability.argmax(0), ids["doubtful"]))
+
+    def _by_its_metadata(self, rgb: Image, spec: NetworkSpec) -> Opinion:
+        buffer = np.zeros((1, 3, spec.height, spec.width), np.float32)
+        preprocess(rgb, spec, buffer)
+        probability = self._probability(buffer, spec.temperature)
+        roles = {c.id: c.role for c in spec.label_set.classes}
+        grass, person = (
+            probability[[roles[i] is role for i in spec.channel_ids]] for role in (Role.FREE, Role.PERSON)
+        )
+        doubtful = np.zeros(probability.shape[1:], np.bool_)
+        return Opinion(grass.sum(0), person.sum(0) if len(person) else None, doubtful)
+
+    def _probability(self, image: Float32Array, temperature: float) -> Float32Array:
+        logits: Float32Array = self._session.run(None, {self._input: image})[0][0]
+        if len(logits) == 1:  # of a sigmoid
+            logits = np.concatenate([np.zeros_like(logits), logits])
+        exponents = np.exp((logits - logits.max(0)) / np.float32(temperature))
+        return np.asarray(exponents / exponents.sum(0), np.float32)
 
 
 def agree(opinions: Sequence[Opinion]) -> NDArray[np.uint8]:

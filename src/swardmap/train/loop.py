@@ -7,6 +7,7 @@ dropout are drawn from (seed, step). So a run that was killed and resumed ends w
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F  # noqa: N812 - torch's own name for it
 
+from swardmap.errors import ConfigError
 from swardmap.labels import VOID_ID
+from swardmap.models import bundled_network
 from swardmap.models.onnx import decide, preprocess
 from swardmap.train.build import build_network, network_spec
 from swardmap.train.checkpoint import Run, begin_from, restore, save_progress
@@ -26,7 +29,14 @@ from swardmap.train.photos import Photo
 from swardmap.train.pictures import write_pictures
 from swardmap.train.recipe import Recipe
 from swardmap.train.score import Score
+from swardmap.train.unfold import unfold
 from swardmap.types import Segmentation
+
+UNFOLDING_BATCHES = 8
+"""Of 8 views each: enough for the statistics of the batch norms of a network that came from a file."""
+
+PATIENCE = timedelta(hours=6)
+"""For which processes wait for the first, while it validates or asks the teachers."""
 
 Report = Callable[[Mapping[str, Any]], None]
 
@@ -68,13 +78,14 @@ def train(recipe: Recipe, root: Path, out: Path, report: Report, device: str = "
         InputError: for data that is missing or damaged.
     """
     out.mkdir(parents=True, exist_ok=True)
-    rank, world = join_processes()
-    run = start_run(recipe, torch.device(device))
-    if (out / "last.pt").exists():
-        restore(run, out / "last.pt")
-    elif recipe.start:
-        begin_from(run, root / recipe.start)
+    rank, world = join_processes(device)
+    last = out / "last.pt"
+    run = start_run(recipe, torch.device(device), pretrained=not (last.exists() or recipe.start))
     learn, check = load_photos(recipe, root, validation=False), load_photos(recipe, root, validation=True)
+    if last.exists():
+        restore(run, last)
+    elif recipe.start:
+        _begin(run, root, learn)
     codes = make_codes(recipe)
     while run.step < recipe.schedule.steps:
         loss = train_step(run, learn, codes, rank, world)
@@ -91,12 +102,35 @@ def train(recipe: Recipe, root: Path, out: Path, report: Report, device: str = "
     return run
 
 
-def join_processes() -> tuple[int, int]:
-    """Rank and number of the processes that `torchrun` started; (0, 1) without it."""
+def join_processes(device: str) -> tuple[int, int]:
+    """Rank and number of the processes that `torchrun` started; (0, 1) without it.
+
+    Each process takes a GPU of its own where they run on GPUs.
+    """
     world = int(os.environ.get("WORLD_SIZE", "1"))
-    if world > 1 and not torch.distributed.is_initialized():
-        torch.distributed.init_process_group("nccl" if torch.cuda.is_available() else "gloo")
-    return (torch.distributed.get_rank(), world) if world > 1 else (0, 1)
+    if world == 1:
+        return 0, 1
+    on_gpu = torch.device(device).type == "cuda"
+    if on_gpu:
+        torch.cuda.set_device(int(os.environ.get("LOCAL_RANK", "0")))
+    if not torch.distributed.is_initialized():
+        backend = "nccl" if on_gpu else "gloo"
+        torch.distributed.init_process_group(backend, timeout=PATIENCE)
+    return torch.distributed.get_rank(), world
+
+
+def _begin(run: Run, root: Path, sets: Sequence[PhotoSet]) -> None:
+    """Take the weights that the recipe says it starts from: a checkpoint's, or those of an .onnx file."""
+    start = run.recipe.start
+    if start != "auto" and not start.endswith(".onnx"):
+        begin_from(run, root / start)
+        return
+    path = bundled_network() if start == "auto" else root / start
+    if path is None:
+        raise ConfigError(f"recipe {run.recipe.name}: start: auto, but this package holds no network")
+    views = (draw_batch(sets, run.recipe, range(8), step) for step in range(UNFOLDING_BATCHES))
+    unfold(path, run.network, (_tensors(v, run)[0] for v in views))
+    run.average = {k: v.detach().clone() for k, v in run.network.state_dict().items()}
 
 
 def train_step(run: Run, sets: Sequence[PhotoSet], codes: Codes, rank: int = 0, world: int = 1) -> float:

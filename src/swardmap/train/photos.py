@@ -1,8 +1,9 @@
 """Photos to learn from: images with masks, annotation files or recordings, in codes (see data.py)."""
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
 from pathlib import Path
 
 import cv2
@@ -31,12 +32,14 @@ class Photo:
         codes: (H, W) uint8.
         fine: (H, W) uint8 ids of the finer classes, 255 = void.
         stem: name.
+        light: illumination, of a garden's frame.
     """
 
     image: Image
     codes: Image
     fine: Image
     stem: str
+    light: str = ""
 
 
 def read_photos(config: DataConfig, number: int, network: NetworkConfig, root: Path) -> list[Photo]:
@@ -134,13 +137,28 @@ def _load(
 
 
 def _frames(config: DataConfig, root: Path) -> Iterator[Frame]:
+    """Frames of a recording; where they say of which scene, whole scenes are held out, else single frames."""
     from swardmap.io import open_source
 
-    for index, frame in enumerate(open_source(root / config.folder)):
-        if config.hold_out and (index % config.hold_out == config.hold_out // 2) != config.validation:
+    scenes: dict[str, int] = {}
+    frames = chain.from_iterable(open_source(path) for path in _recordings(root / config.folder))
+    for index, frame in enumerate(frames):
+        scene = frame.tags.get("scene")
+        number = index if scene is None else scenes.setdefault(scene, len(scenes))
+        n = config.hold_out
+        if n and (number % n == n // 2) != config.validation:
             continue
         if index % config.every == 0:
             yield frame
+
+
+def _recordings(path: Path) -> list[Path]:
+    """The recording itself, or all in our layout below it (but none within another)."""
+    found: list[Path] = []
+    for file in sorted(path.rglob("camera.yaml"), key=lambda f: (len(f.parts), f)):
+        if not any(file.is_relative_to(recording) for recording in found):
+            found.append(file.parent)
+    return found or [path]
 
 
 def _of_frame(frame: Frame, config: DataConfig, number: int, network: NetworkConfig) -> Photo:
@@ -148,7 +166,9 @@ def _of_frame(frame: Frame, config: DataConfig, number: int, network: NetworkCon
         raise InputError(f"data set {config.name}: frame {frame.name} has no true labels")
     codes = _index_table(frame.label_set, network)[frame.labels]
     fine = np.full(codes.shape, VOID_ID, np.uint8)
-    return _shrunk(Photo(frame.rgb, _partial(codes, config, number), fine, frame.name), config.validation)
+    light = frame.tags.get("illumination", "")
+    photo = Photo(frame.rgb, _partial(codes, config, number), fine, frame.name, light)
+    return _shrunk(photo, config.validation)
 
 
 def _partial(codes: Image, config: DataConfig, number: int) -> Image:
@@ -195,7 +215,8 @@ def _shrunk(photo: Photo, keep: bool) -> Photo:
         return photo
     size = (round(width * factor), round(height * factor))
     masks = [cv2.resize(m, size, interpolation=cv2.INTER_NEAREST) for m in (photo.codes, photo.fine)]
-    return Photo(cv2.resize(photo.image, size, interpolation=cv2.INTER_AREA), masks[0], masks[1], photo.stem)
+    image = np.asarray(cv2.resize(photo.image, size, interpolation=cv2.INTER_AREA), np.uint8)
+    return replace(photo, image=image, codes=masks[0], fine=masks[1])
 
 
 def _read(path: Path, mode: int, shape: tuple[int, ...] | None = None) -> Image:

@@ -82,7 +82,7 @@ class DataConfig(Checked):
     name: str = setting("", "what to call it")
     folder: str = setting("", "relative to the data root")
     kind: str = setting(
-        "images", "recording: any source that `swardmap map` reads", choices=("images", "recording")
+        "images", "recording: what `swardmap map` reads, or a folder of such", choices=("images", "recording")
     )
     list: str | None = setting(None, "text file in the folder with one stem a line; none = all images")
     images: str = setting("images", "subfolder")
@@ -108,7 +108,9 @@ class DataConfig(Checked):
     validation: bool = setting(False, "measured on, not learnt from")
     every: int = setting(1, "use every n-th image", minimum=1)
     hold_out: int = setting(
-        0, "every n-th image is for validation and no other; give both sets the same n; 0 = none", minimum=0
+        0,
+        "every n-th image (of gardens: scene) is for validation alone; give both sets the same n; 0 = none",
+        minimum=0,
     )
 
 
@@ -116,7 +118,10 @@ class DataConfig(Checked):
 class TeacherConfig(Checked):
     """A network that labels photos nobody labelled; it must give logits, classes first."""
 
-    file: str = setting("", ".onnx file, relative to the data root")
+    file: str = setting(
+        "",
+        ".onnx file, relative to the data root; auto = the package's; with swardmap's metadata that is all",
+    )
     size: int = setting(512, "edge of its square input", minimum=32)
     mean: float = setting(0.5, "of its input in 0..1")
     std: float = setting(0.5, "of its input in 0..1", minimum=1e-3)
@@ -135,7 +140,9 @@ class Recipe:
     data: tuple[DataConfig, ...] = ()
     teachers: tuple[TeacherConfig, ...] = ()
     licence: str = ""
-    start: str = ""  # checkpoint whose weights it begins from, relative to the data root
+    start: str = (
+        ""  # checkpoint or .onnx file it begins from, relative to the data root; auto = the package's
+    )
 
     def __post_init__(self) -> None:
         if not any(d.weight > 0 and not d.validation for d in self.data):

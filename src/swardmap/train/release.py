@@ -5,16 +5,11 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-import torch
-
-from swardmap.labels import Role
-from swardmap.models.spec import NetworkSpec
-from swardmap.train.build import network_spec
+from swardmap.train.build import add_grass_bias, network_spec
 from swardmap.train.check import check
 from swardmap.train.checkpoint import load_network
 from swardmap.train.data import load_photos
 from swardmap.train.export import export_onnx, fit_temperature, quantise, with_spec
-from swardmap.train.networks import DeepLabV3Plus
 from swardmap.train.photos import Photo
 
 
@@ -49,7 +44,7 @@ def release(
     sets = [{"name": d.name, "folder": d.folder, "weight": d.weight} for d in recipe.data if not d.validation]
     training = {"recipe": recipe.name, "steps": state["step"], "data": sets, "grass_bias": grass_bias}
     spec = replace(spec, training=training)
-    _add_bias(network, spec, grass_bias)
+    add_grass_bias(network, spec, grass_bias)
     plain = out.with_suffix(".float32.onnx") if int8 else out
     difference = export_onnx(network, spec, plain)
     held = [photo for s in load_photos(recipe, root, validation=True) for photo in s.photos]
@@ -69,13 +64,6 @@ def release(
     with_spec(out, temperature=temperature, metrics=metrics)
     result.update(temperature=temperature, bytes=out.stat().st_size, int8_loss_points=_loss(result))
     return result
-
-
-def _add_bias(network: DeepLabV3Plus, spec: NetworkSpec, bias: float) -> None:
-    roles = {c.id: c.role for c in spec.label_set.classes}
-    free = torch.tensor([roles[i] is Role.FREE for i in spec.channel_ids][-spec.channels :])
-    with torch.no_grad():
-        network.segmentation_head[0].bias[free] += bias
 
 
 def _spread(recipe: Any, root: Path, count: int) -> list[Photo]:

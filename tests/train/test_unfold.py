@@ -1,0 +1,123 @@
+"""A file of `export` becomes a network again that computes the same and can learn."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from swardmap.errors import ModelError
+from swardmap.models import bundled_network
+from swardmap.models.onnx import OnnxSegmenter
+from swardmap.train.build import add_grass_bias, build_network, network_spec
+from swardmap.train.data import load_photos
+from swardmap.train.export import export_onnx, quantise, with_spec
+from swardmap.train.loop import averaged_network, predict, train
+from swardmap.train.networks import DeepLabV3Plus
+from swardmap.train.recipe import recipe_from_dict
+from swardmap.train.unfold import unfold
+from swardmap.types import Segmentation
+
+pytest.importorskip("onnxscript", reason="export needs the package onnxscript")
+pytestmark = pytest.mark.slow  # the exporter alone takes seconds to import
+
+MakeRecipe = Callable[..., dict[str, Any]]
+
+
+@pytest.fixture(scope="module")
+def images(tiny_recipe: MakeRecipe, data_root: Path) -> torch.Tensor:
+    photos = load_photos(recipe_from_dict(tiny_recipe()), data_root, validation=False)[0].photos
+    stack = np.stack([p.image[:64] for p in photos[:8]])
+    return torch.from_numpy(stack).permute(0, 3, 1, 2).float() / 255 - 0.5
+
+
+def settled(network: DeepLabV3Plus, images: torch.Tensor) -> DeepLabV3Plus:
+    """With scales, shifts and statistics of batch norm that are not those it starts with."""
+    for module in network.modules():
+        if isinstance(module, torch.nn.BatchNorm2d):
+            torch.nn.init.uniform_(module.weight, 0.5, 1.5)
+            torch.nn.init.uniform_(module.bias, -0.5, 0.5)
+    network.train()
+    with torch.no_grad():
+        for _ in range(30):
+            network(images)
+    return network.eval()
+
+
+@pytest.mark.parametrize("encoder", ["efficientnet-lite0", "resnet18"])
+def test_a_network_comes_back_from_its_file(
+    encoder: str, tiny_recipe: MakeRecipe, images: torch.Tensor, tmp_path: Path
+) -> None:
+    recipe = recipe_from_dict(tiny_recipe(encoder=encoder))
+    first = settled(build_network(recipe), images)
+    with torch.no_grad():
+        expected = first(images)
+    spec = network_spec(recipe)
+    add_grass_bias(first, spec, 0.7)
+    export_onnx(first, spec, tmp_path / "net.onnx")
+    with_spec(tmp_path / "net.onnx", training={"grass_bias": 0.7})
+
+    again = build_network(recipe)
+    unfold(tmp_path / "net.onnx", again, [images])
+    with torch.no_grad():
+        torch.testing.assert_close(again(images), expected, atol=2e-3, rtol=1e-3)
+        again.decoder.aspp[0].project[-1].p = 0.0  # dropout
+        again.train()
+        learning = again(images)  # by the statistics of these very images
+    torch.testing.assert_close(learning, expected, atol=2e-2, rtol=2e-2)
+
+
+def test_int8_comes_back_but_for_its_rounding(
+    tiny_recipe: MakeRecipe, images: torch.Tensor, tmp_path: Path
+) -> None:
+    recipe = recipe_from_dict(tiny_recipe())
+    first = settled(build_network(recipe), images)
+    export_onnx(first, network_spec(recipe), tmp_path / "net.onnx")
+    pictures = ((images + 0.5) * 255).byte().permute(0, 2, 3, 1).numpy()
+    quantise(tmp_path / "net.onnx", tmp_path / "small.onnx", list(pictures))
+    again = build_network(recipe)
+    unfold(tmp_path / "small.onnx", again, [images])
+    for (name, weight), expected in zip(again.named_parameters(), first.parameters(), strict=True):
+        if name == "segmentation_head.0.weight":  # the one layer without a batch norm
+            torch.testing.assert_close(weight, expected, atol=0.01, rtol=0)
+    with torch.no_grad():
+        error, spread = (again(images) - first(images)).abs().mean(), first(images).std()
+    assert error < 0.15 * spread
+
+
+def test_another_network_or_no_network_is_said(
+    tiny_recipe: MakeRecipe, images: torch.Tensor, tmp_path: Path
+) -> None:
+    recipe = recipe_from_dict(tiny_recipe())
+    export_onnx(build_network(recipe), network_spec(recipe), tmp_path / "net.onnx")
+    wider = build_network(recipe_from_dict(tiny_recipe(decoder_channels=24)))
+    with pytest.raises(ModelError, match="expected the recipe's network"):
+        unfold(tmp_path / "net.onnx", wider, [images])
+    (tmp_path / "cut.onnx").write_bytes((tmp_path / "net.onnx").read_bytes()[:999])
+    for name in ("cut.onnx", "none.onnx"):
+        with pytest.raises(ModelError, match=name):
+            unfold(tmp_path / name, wider, [images])
+
+
+def test_training_may_begin_from_the_network_in_the_package(
+    data_root: Path, tiny_recipe: MakeRecipe, tmp_path: Path
+) -> None:
+    lite2 = {"encoder": "efficientnet-lite2", "decoder_channels": 128, "rates": [6, 12, 18]}
+    tree = tiny_recipe(steps=1, **lite2, width=192, height=144) | {"start": "auto"}
+    tree["schedule"] |= {"encoder_rate": 0.0, "decoder_rate": 0.0, "crop": 0, "batch": 2}
+    recipe = recipe_from_dict(tree)
+    run = train(recipe, data_root, tmp_path, lambda _: None)
+    path = bundled_network()
+    assert path is not None
+    shipped, network = OnnxSegmenter(path), averaged_network(run)
+    for photo in load_photos(recipe, data_root, validation=True)[0].photos:
+        found = predict(network, recipe, photo, run.device)
+        labels, confidence = shipped.segment(photo.image)
+        expected = Segmentation(labels, shipped.label_set, confidence).resized_to(*photo.codes.shape)
+        assert found.confidence is not None
+        assert expected.confidence is not None
+        sure = (expected.confidence > 0.9) & (found.confidence > 0.9)
+        assert sure.mean() > 0.3
+        assert (found.labels == expected.labels)[sure].mean() > 0.97  # its input has another size
