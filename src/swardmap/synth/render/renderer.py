@@ -158,11 +158,7 @@ class GardenRenderer:
         self._shadows.use(UNITS["shadow_near"], UNITS["shadow_far"])
         targets.picture.use()
         targets.picture.clear(depth=1.0)
-        if targets.multi > 1:
-            c.enable_direct(0x809E)  # GL_SAMPLE_ALPHA_TO_COVERAGE
-        self._store.draw(self._radiance["thing"], seen, camera)
-        if targets.multi > 1:
-            c.disable_direct(0x809E)
+        self._store.draw(self._radiance["thing"], seen, camera, soft=targets.multi > 1)
         if scene.lawn is not None:
             scene.lawn.draw(self._radiance["blade"], camera)
         scene.ground.draw(self._radiance["ground"], camera, {name: UNITS[name] for name in RASTERS})

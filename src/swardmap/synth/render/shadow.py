@@ -48,7 +48,12 @@ class _Map:
             texture.compare_func = "<="
             texture.filter = (0x2601, 0x2601)  # GL_LINEAR
             texture.repeat_x = texture.repeat_y = False
-        self.buffers = [context.framebuffer(depth_attachment=texture) for texture in self.textures]
+        # a picture beside the depth, never drawn to: moderngl copies framebuffers only by their pictures
+        self.buffers = [
+            context.framebuffer([context.renderbuffer((SIZE, SIZE), 1)], texture) for texture in self.textures
+        ]
+        for buffer in self.buffers:
+            buffer.color_mask = (False, False, False, False)
         self.key: tuple[Any, ...] = ()
         self.centre_m: Float64Array = np.zeros(3)
         self.radius_m = 1.0
