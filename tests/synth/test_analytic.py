@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from swardmap.errors import FrameMismatchError, InvalidValueError
@@ -88,6 +88,9 @@ def test_the_top_of_a_low_cylinder_is_flat() -> None:
     base=st.floats(0, 0.5),
     kind=st.sampled_from(["box", "cylinder", "ellipsoid"]),
 )
+@example(
+    xy=(1.0, 0.0), sizes=(0.5, 0.5, 1.0), yaw=2.2e-311, base=0.0, kind="box"
+)  # rays all but along a face
 def test_every_point_seen_lies_on_the_surface_it_is_labelled_with(
     xy: tuple[float, float], sizes: tuple[float, float, float], yaw: float, base: float, kind: str
 ) -> None:

@@ -52,7 +52,7 @@ def cast(
 ) -> Hits:
     """First surface along the ray of each pixel centre."""
     rays, origin = camera_rays(intrinsics, T_map_camera), T_map_camera.position_m
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", over="ignore"):  # the lawn of a level ray is infinitely far away
         depth = np.where(rays[..., 2] * origin[2] < 0, -origin[2] / rays[..., 2], np.inf)
     surface = np.where(np.isfinite(depth), -1, -2).astype(np.int16)
     labels = np.where(surface == -1, GRASS.id, VOID_ID).astype(np.uint8)

@@ -92,7 +92,7 @@ class Box:
         turn = rotation_z(self.yaw_deg)
         start, along = (origin - self._middle) @ turn, directions @ turn
         enter, leave = np.full(len(directions), -np.inf), np.full(len(directions), np.inf)
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(all="ignore"):  # a ray along a face meets its plane infinitely far away
             for half, s, d in zip(self._half, _split(start), _split(along), strict=True):
                 a, b = (-half - s) / d, (half - s) / d
                 enter = np.fmax(enter, np.fmin(a, b))  # fmax: a ray in a face gives 0/0, no limit
@@ -150,7 +150,7 @@ class Cylinder:
         start = origin - np.array([*self.center_m, self.base_m])
         (sx, sy, sz), (dx, dy, dz) = _split(start), _split(directions)
         side = _between_roots(dx * dx + dy * dy, dx * sx + dy * sy, sx * sx + sy * sy - self.radius_m**2)
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(all="ignore"):  # a level ray meets the caps infinitely far away
             a, b = -sz / dz, (self.height_m - sz) / dz
         enter = np.fmax(side[0], np.fmin(a, b))
         leave = np.fmin(side[1], np.fmax(a, b))
@@ -281,7 +281,7 @@ class Patch:
 
 def _between_roots(a: Float64Array, b: Float64Array, c: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Where a t^2 + 2 b t + c < 0: from, to; from > to where nowhere."""
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(all="ignore"):
         root = np.sqrt(b * b - a * c)  # NaN: no crossing
         enter, leave = (-b - root) / a, (-b + root) / a
     parallel = a < 1e-18  # along the axis of a cylinder: inside for ever, or never
