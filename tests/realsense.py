@@ -114,3 +114,16 @@ def steady(count: int, start_ms: float = START_MS, first: int = 0) -> Callable[[
             camera.push(number, start_ms + number * PERIOD_MS)
 
     return feed
+
+
+def plug_in(
+    monkeypatch: pytest.MonkeyPatch, feed: Callable[[SoftwareCamera], None], serial: str = "123"
+) -> None:
+    """Let `realsense:` mean a software camera with a serial number, for as long as the test runs."""
+    find = feeding(lambda: SoftwareCamera(serial), feed)
+    found = lambda wanted: find(wanted) if wanted in (None, serial) else None  # noqa: E731
+    monkeypatch.setattr("swardmap.io.realsense_live.finder", lambda _: found)
+
+
+SETTINGS = ["--set", f"camera.width={WIDTH}", "--set", f"camera.height={HEIGHT}"]
+"""For a command line: streams as the software camera has them."""

@@ -75,6 +75,9 @@ class CameraConfig(Checked):
     temporal: bool = setting(False, "smooth depth over time: for a robot that stands still")
     threshold_m: tuple[float, float] | None = setting(None, "drop readings nearer or farther than this")
     hole_filling: bool = setting(False, "fill holes with a neighbour's depth: invents free space, see docs")
+    queue: int = setting(
+        1, "pairs of images that wait at most; 1 = always the newest (record: at least 15)", minimum=1
+    )
     timeout_s: float = setting(3.0, "without an image for so long the camera is opened anew", minimum=0.1)
     reconnect_s: float = setting(
         30.0, "without an image for so long, unplugged or not, the run ends", minimum=0.1

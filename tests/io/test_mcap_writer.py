@@ -142,7 +142,7 @@ def test_the_formats_own_library_reads_it(tmp_path: Path) -> None:
     from mcap.reader import make_reader
     from mcap.stream_reader import StreamReader
 
-    path, store = recorded(tmp_path, frames(80)), get_typestore(Stores.ROS2_JAZZY)
+    path, store = recorded(tmp_path, frames(80), RecordOptions("png")), get_typestore(Stores.ROS2_JAZZY)
     with path.open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
         assert reader.get_header().profile == "ros2"
@@ -182,7 +182,7 @@ def test_what_others_find_in_it(tmp_path: Path) -> None:
 
     given = frames()
     store, first = get_typestore(Stores.ROS2_JAZZY), given[0]
-    path = recorded(tmp_path, given, RecordOptions("raw"))
+    path = recorded(tmp_path, given)
     found: dict[str, Any] = {}
     with path.open("rb") as file:
         for schema, channel, message in make_reader(file).iter_messages():
@@ -263,7 +263,7 @@ def test_names_that_are_refused(tmp_path: Path) -> None:
         record(Source(frames()), tmp_path / "folder.mcap", overwrite=True)
     with pytest.raises(OutputError, match="cannot write /proc/nowhere"):
         record(Source(frames()), "/proc/nowhere/drive.mcap")
-    with pytest.raises(OutputError, match="one of png, raw, jpeg, got 'gif'"):
+    with pytest.raises(OutputError, match="one of raw, png, jpeg, got 'gif'"):
         RecordOptions("gif")
 
 

@@ -17,7 +17,7 @@ from swardmap.io import is_live, open_source
 from swardmap.io.limited import LimitedSource
 from swardmap.io.pairing import REASON_COLOR, REASON_DEPTH, REASON_ORDER
 from swardmap.io.realsense_camera import calibration_of
-from swardmap.io.realsense_live import RealsenseSource
+from swardmap.io.realsense_live import REASON_MISSED, RealsenseSource
 from swardmap.io.rosbag import REASON_DAMAGED
 from swardmap.types import Frame
 from tests.io.contract import check_source
@@ -35,7 +35,7 @@ from tests.realsense import (
     steady,
 )
 
-SMALL: dict[str, Any] = {"width": WIDTH, "height": HEIGHT, "timeout_s": 0.4, "reconnect_s": 4.0}
+SMALL: dict[str, Any] = {"width": WIDTH, "height": HEIGHT, "timeout_s": 0.4, "reconnect_s": 4.0, "queue": 100}
 COLOR = Intrinsics(WIDTH, HEIGHT, 50.0, 50.0, 31.5, 23.5)
 DEPTH = Intrinsics(WIDTH, HEIGHT, 60.0, 60.0, 31.5, 23.5)
 T_COLOR_DEPTH = Pose("color", "depth", np.array([[1, 0, 0, 0.015], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]))
@@ -48,7 +48,7 @@ def live(
     **camera: Any,
 ) -> RealsenseSource:
     config = CameraConfig(**{**SMALL, **camera})
-    return RealsenseSource(rs, feeding(make, feed), source or SourceConfig(), config, queue=100)
+    return RealsenseSource(rs, feeding(make, feed), source or SourceConfig(), config)
 
 
 def first(source: RealsenseSource, count: int = 1) -> list[Frame]:
@@ -224,7 +224,7 @@ def test_an_unplugged_camera_comes_back(caplog: pytest.LogCaptureFixture) -> Non
         now = plugged.pop(0)
         return now and now(serial)
 
-    source = RealsenseSource(rs, find, SourceConfig(), CameraConfig(**SMALL), queue=100)
+    source = RealsenseSource(rs, find, SourceConfig(), CameraConfig(**SMALL))
     with caplog.at_level(logging.WARNING):
         frames = first(source, 6)
     numbers = [round((f.stamp_ns / 1e6 - START_MS) / PERIOD_MS) for f in frames]
@@ -237,7 +237,7 @@ def test_an_unplugged_camera_comes_back(caplog: pytest.LogCaptureFixture) -> Non
 def test_a_camera_that_does_not_come_back_is_lost(caplog: pytest.LogCaptureFixture) -> None:
     plugged = [feeding(SoftwareCamera, steady(4))]
     find = lambda serial: plugged.pop()(serial) if plugged else None  # noqa: E731
-    source = RealsenseSource(rs, find, SourceConfig(), CameraConfig(**{**SMALL, "reconnect_s": 1.0}), queue=9)
+    source = RealsenseSource(rs, find, SourceConfig(), CameraConfig(**{**SMALL, "reconnect_s": 1.0}))
     started = time.monotonic()
     frames = list(source)  # what came is not thrown away by an error
     assert len(frames) == 3
@@ -285,12 +285,26 @@ def test_stop_ends_the_iteration_also_while_it_waits() -> None:
 
 
 def test_a_slow_reader_gets_the_newest() -> None:
-    source = RealsenseSource(
-        rs, feeding(SoftwareCamera, steady(30)), SourceConfig(), CameraConfig(**SMALL)
-    )  # a queue of one, as in use
+    source = live(steady(30), queue=CameraConfig().queue)
     time.sleep(0.5)
     (frame,) = first(source)
     assert abs(frame.stamp_ns - stamp(29)) < 1000
+    assert source.skipped == {}  # what came before the first look is nobody's loss
+
+
+def test_what_a_slow_reader_missed_is_counted() -> None:
+    def feed(camera: SoftwareCamera) -> None:
+        for number in range(40):
+            camera.push(number, START_MS + number * PERIOD_MS)
+            time.sleep(0.005)
+
+    source, seen = live(feed, queue=1, reconnect_s=0.5), []
+    for frame in source:
+        seen.append(round((frame.stamp_ns / 1e6 - START_MS) / PERIOD_MS))
+        time.sleep(0.05)
+    assert 1 < len(seen) < 20
+    lone = source.skipped.get(REASON_COLOR, 0)  # of the first pair, which the SDK splits
+    assert source.skipped[REASON_MISSED] + len(seen) == seen[-1] - (0 if lone else seen[0] - 1)
 
 
 def test_streams_that_are_not_there_are_listed() -> None:

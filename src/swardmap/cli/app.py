@@ -16,6 +16,8 @@ from swardmap.cli.evaluate import evaluate_command
 from swardmap.cli.export import export
 from swardmap.cli.map import EXAMPLES as MAP_EXAMPLES
 from swardmap.cli.map import map_command
+from swardmap.cli.record import EXAMPLES as RECORD_EXAMPLES
+from swardmap.cli.record import record_command
 from swardmap.cli.ros import EXAMPLES as ROS_EXAMPLES
 from swardmap.cli.ros import ros_command
 from swardmap.cli.synth import EXAMPLES as SYNTH_EXAMPLES
@@ -49,6 +51,7 @@ def _top(
 
 
 app.command("map", epilog=MAP_EXAMPLES)(map_command)
+app.command("record", epilog=RECORD_EXAMPLES)(record_command)
 app.command("demo")(demo)
 app.command("evaluate", epilog=EVALUATE_EXAMPLES)(evaluate_command)
 app.command("compare", epilog=COMPARE_EXAMPLES)(compare_command)

@@ -1,6 +1,7 @@
 """`swardmap record`: what a camera or any other source gives, to an MCAP file."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 from typing import Annotated
@@ -9,6 +10,10 @@ import typer
 
 from swardmap.cli.live import Duration, Frames, tell_how_it_ended, until_stopped
 from swardmap.cli.options import ConfigFile, Json, Progress, Settings, settings
+from swardmap.errors import InputError
+
+QUEUE = 15
+"""Pairs that wait while one is written: as many as the SDK keeps buffers for (frames_queue_size, 16)."""
 
 EXAMPLES = """\b
 Examples:
@@ -26,7 +31,7 @@ def record_command(
     out: Annotated[Path, typer.Option("--out", "-o", help="File to write; ends in .mcap.", readable=False)],
     frames: Frames = None,
     duration: Duration = None,
-    images: Annotated[str, typer.Option(help="Colour: png or raw, both without loss, or jpeg.")] = "png",
+    images: Annotated[str, typer.Option(help="Colour: raw or png, both without loss, or jpeg.")] = "raw",
     depth: Annotated[str, typer.Option(help="Depth: raw or png, both without loss.")] = "raw",
     kind: Annotated[
         str | None, typer.Option("--format", help="Kind of recording, if it is not recognised.")
@@ -49,10 +54,16 @@ def record_command(
     from swardmap.pipeline import configured_mount
 
     options = RecordOptions(images, depth, configured_mount(chosen.mount))
-    given = LimitedSource(open_source(source, chosen.source, chosen.camera), frames, duration)
+    camera = replace(chosen.camera, queue=max(chosen.camera.queue, QUEUE))  # a hiccup shall cost no image
+    given = LimitedSource(open_source(source, chosen.source, camera), frames, duration)
     started = perf_counter()
-    with until_stopped(given), Progress(given.frame_count, as_json, "recording", "recorded") as on_frame:
-        count = record(given, out, options, overwrite, on_frame)
+    try:
+        with until_stopped(given), Progress(given.frame_count, as_json, "recording", "recorded") as on_frame:
+            count = record(given, out, options, overwrite, on_frame)
+    except InputError as error:
+        if given.stopped and not given.given:
+            raise typer.Abort("before the first frame came; nothing was written") from error
+        raise
     size, left_out = out.stat().st_size, dict(given.skipped)
     if as_json:
         facts = {

@@ -14,6 +14,9 @@ class LimitedSource:
         source: a recording, or a camera that has a `stop` of its own.
         frames: at most so many; None = all.
         duration_s: only frames less than this after the first, by their stamps; None = all.
+
+    Attributes:
+        given: frames that the last iteration gave so far.
     """
 
     def __init__(
@@ -21,6 +24,7 @@ class LimitedSource:
     ) -> None:
         self._source, self._frames, self._duration_s = source, frames, duration_s
         self._stopped = False
+        self.given = 0
 
     @property
     def name(self) -> str:
@@ -62,6 +66,7 @@ class LimitedSource:
     def __iter__(self) -> Iterator[Frame]:
         """Yield frames up to the limit."""
         first_ns: int | None = None
+        self.given = 0
         if self._frames == 0:
             return
         for index, frame in enumerate(self._source, start=1):
@@ -69,6 +74,7 @@ class LimitedSource:
             elapsed_s = (frame.stamp_ns - first_ns) / 1e9
             if self._stopped or (self._duration_s is not None and elapsed_s >= self._duration_s):
                 return
+            self.given = index
             yield frame
             if index == self._frames or self._stopped:
                 return

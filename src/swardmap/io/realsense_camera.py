@@ -1,7 +1,7 @@
 """One RealSense camera that streams: its sensors, its lenses, and pairs of images as the SDK pairs them.
 
 Colour and depth go through the SDK's syncer, which keeps the newest pair alone: what a slow reader does
-not fetch is dropped, the oldest first.
+not fetch is dropped, the oldest first, and counted by the numbers the camera gives its images.
 """
 
 from collections.abc import Callable, Iterable
@@ -51,22 +51,26 @@ class RealsenseCamera:
     Args:
         rs: the module pyrealsense2.
         device: an rs.device, or an rs.software_device.
-        config: sizes, rate, filters, alignment.
-        queue: pairs of images that wait at most.
+        config: sizes, rate, filters, alignment, how many pairs wait at most.
+
+    Attributes:
+        missed: colour images that were taken and never came here.
 
     Raises:
         InputError: if it has no such streams, its lens model is not supported, or it cannot be opened.
     """
 
-    def __init__(self, rs: Any, device: Any, config: CameraConfig, queue: int = 1) -> None:
+    def __init__(self, rs: Any, device: Any, config: CameraConfig) -> None:
         self._device, self._config = device, config
         self.title = _title(rs, device)
         self.serial = _info(rs, device, "serial_number")
-        self._syncer = rs.syncer(queue)
+        self._syncer = rs.syncer(config.queue)
         self._filters = depth_filters(rs, config)
         self._align = rs.align(rs.stream.color) if config.align == "sdk" else None
         self._sensors: list[Any] = []
         self._depth_cameras: dict[str, Calibration] = {}  # kept, for the maps they rectify by
+        self._number: int | None = None
+        self.missed = 0
         try:
             color, depth = self._profiles(rs, device)
             self.color = _calibration(color[1], f"{self.title}: colour")
@@ -85,6 +89,8 @@ class RealsenseCamera:
         came, images = self._syncer.try_wait_for_frames(max(1, round(timeout_s * 1e3)))
         if not came:
             return None
+        if images.get_color_frame():
+            self._count(images.get_color_frame().get_frame_number())
         if not (images.get_depth_frame() and images.get_color_frame()):
             return REASON_COLOR if images.get_color_frame() else REASON_DEPTH
         for block in [*self._filters, *([self._align] if self._align else [])]:
@@ -132,6 +138,12 @@ class RealsenseCamera:
                 with suppress(RuntimeError):
                     end()
         self._sensors = []
+
+    def _count(self, number: int) -> None:
+        """Numbers begin anew where a stream does."""
+        if self._number is not None and number > self._number:
+            self.missed += number - self._number - 1
+        self._number = number
 
     def _depth_camera(self, profile: Any) -> Calibration:
         """Of a filtered image: decimation makes another camera of it."""

@@ -24,6 +24,8 @@ from swardmap.types import Frame
 SLICE_S = 0.2
 """The longest wait in one call of the SDK, in which Ctrl-C is not heard."""
 
+REASON_MISSED = "image the camera took and nobody fetched in time"
+
 APT_HINT = "On Debian it needs: apt-get install libusb-1.0-0"
 
 Find = Callable[[str | None], Any]
@@ -57,7 +59,6 @@ class RealsenseSource:
         source: which frames, and how far colour and depth may be apart in time.
         camera: sizes, rate, filters, alignment, patience.
         serial: of the camera; None = the only one, and that one again after unplugging.
-        queue: pairs of images that wait at most; 1 = always the newest.
 
     Raises:
         InputError: if the camera is not there or cannot stream as configured.
@@ -70,9 +71,8 @@ class RealsenseSource:
         source: SourceConfig,
         camera: CameraConfig,
         serial: str | None = None,
-        queue: int = 1,
     ) -> None:
-        self._rs, self._find, self._serial, self._queue = rs, find, serial, queue
+        self._rs, self._find, self._serial = rs, find, serial
         self._source, self._config = source, camera
         self._skipped: Counter[str] = Counter()
         self._stopped = Event()
@@ -136,8 +136,10 @@ class RealsenseSource:
             camera, clock = self._connected(heard), _Clock()  # unplugged, a camera's clock starts anew
             if camera is None:
                 return
+            missed_before = self._skipped[REASON_MISSED]
             with closing(camera):
                 for shot in self._shots(camera):
+                    self._skipped[REASON_MISSED] = missed_before + camera.missed
                     stamp_ns = clock.stamp_ns(shot, time.time_ns())
                     frame = self._frame(camera, shot, stamp_ns, last_ns, index)
                     if frame is None:
@@ -206,7 +208,7 @@ class RealsenseSource:
                 f"no {who} is connected. `swardmap doctor` lists what the SDK sees; on Linux its udev rules "
                 "must be installed"
             )
-        return RealsenseCamera(self._rs, device, self._config, self._queue)
+        return RealsenseCamera(self._rs, device, self._config)
 
     def _give_up_after(self, heard: float, why: str = "") -> None:
         silent_s = time.monotonic() - heard

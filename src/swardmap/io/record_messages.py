@@ -35,7 +35,7 @@ LABELS = "/camera/camera/labels"
 MAP_FRAMES = ("map", "odom")
 """Names of a fixed frame that are kept; any other is called `map`, as readers look for it."""
 
-COLOR_FORMS, DEPTH_FORMS = ("png", "raw", "jpeg"), ("raw", "png")
+COLOR_FORMS, DEPTH_FORMS = ("raw", "png", "jpeg"), ("raw", "png")
 MILLIMETRE = 0.001
 
 IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
@@ -50,12 +50,12 @@ class RecordOptions:
     """How images are stored.
 
     Attributes:
-        color: `png` and `raw` without loss, `jpeg` small.
+        color: `raw` and `png` without loss, `jpeg` small; raw is the fastest.
         depth: `raw`, or `png` for depth in 16-bit millimetres; both without loss.
         T_base_camera: mount, for frames without a pose.
     """
 
-    color: str = "png"
+    color: str = "raw"
     depth: str = "raw"
     T_base_camera: Pose | None = None
 
