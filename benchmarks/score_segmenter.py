@@ -1,13 +1,16 @@
 """Score a network file, or the colour baseline, on labelled photos: figures, reliability, worst photos.
 
     python benchmarks/score_segmenter.py auto --data ~/photos/msrc_v2 --list val.txt
+    python benchmarks/score_segmenter.py auto --data ~/photos/gardens/test --recording
 
 The folder holds images/ and labels/ (0 other, 1 grass, 2 person, 255 void), or with --recording it is
-anything that `swardmap map` reads and that has true labels, such as the gardens of `swardmap synth`. These
-are the figures of the model card (docs/models.md).
+anything that `swardmap map` reads and that has true labels, such as the gardens of `swardmap synth`, which
+are also scored by the light they are in. These are the figures of the model card (docs/models.md).
 """
 
 import argparse
+from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,10 +18,11 @@ import numpy as np
 from swardmap.labels import GRASS_OBSTACLE_PERSON, VOID_ID
 from swardmap.models import bundled_network
 from swardmap.models.colour import grass_threshold, green_chromaticity
+from swardmap.models.onnx import OnnxSegmenter
 from swardmap.train.check import Checked, check
 from swardmap.train.data import load_photos
 from swardmap.train.photos import Photo
-from swardmap.train.recipe import recipe_from_dict
+from swardmap.train.recipe import LABEL_SETS, recipe_from_dict
 from swardmap.train.score import Score
 
 
@@ -28,6 +32,9 @@ def main() -> None:
     parser.add_argument("--data", type=Path, required=True)
     parser.add_argument("--list", help="text file in the folder with one stem a line")
     parser.add_argument("--every", type=int, default=1, help="use every n-th photo")
+    parser.add_argument(
+        "--hold-out", type=int, default=0, help="those that a recipe with hold_out: N holds out"
+    )
     parser.add_argument("--recording", action="store_true", help="the folder is a recording with true labels")
     parser.add_argument("--worst", type=int, default=0, help="name the n photos with most wrong pixels")
     arguments = parser.parse_args()
@@ -37,17 +44,26 @@ def main() -> None:
         "list": arguments.list,
         "every": arguments.every,
         "kind": "recording" if arguments.recording else "images",
+        "hold_out": arguments.hold_out,
+        "validation": True,
     }
-    recipe = recipe_from_dict({"name": "score", "data": [entry]})
-    photos = load_photos(recipe, arguments.data.resolve().parent, validation=False)[0].photos
-    if arguments.segmenter == "colour":
-        show(_score_of_colour(photos), len(photos))
-        return
-    path = bundled_network() if arguments.segmenter == "auto" else Path(arguments.segmenter)
+    colour = arguments.segmenter == "colour"
+    path = bundled_network() if arguments.segmenter in ("auto", "colour") else Path(arguments.segmenter)
     if path is None:
         raise SystemExit("this package holds no network")
-    checked = check(path, photos)
+    label_set = GRASS_OBSTACLE_PERSON if colour else OnnxSegmenter(path).label_set
+    network = {"classes": next(name for name, known in LABEL_SETS.items() if known == label_set)}
+    recipe = {"name": "score", "network": network, "data": [{**entry, "validation": False}, entry]}
+    photos = load_photos(recipe_from_dict(recipe), arguments.data.resolve().parent, validation=True)[0].photos
+    if colour:
+        show(_score_of_colour(photos), len(photos))
+        return
+    lights = {photo.light: [p for p in photos if p.light == photo.light] for photo in photos}
+    by_light = {light: check(path, some) for light, some in lights.items()}
+    checked = together(by_light.values())
     show(checked.score, len(photos))
+    if len(by_light) > 1:
+        show_lights({light: part.score for light, part in by_light.items()})
     show_reliability(checked)
     if arguments.worst:
         show_worst(path, photos, arguments.worst)
@@ -62,12 +78,31 @@ def _score_of_colour(photos: list[Photo]) -> Score:
     return score
 
 
+def together(parts: Iterable[Checked]) -> Checked:
+    """The figures of all parts."""
+    first, *rest = parts
+    for part in rest:
+        score = replace(first.score, counts=first.score.counts + part.score.counts)
+        first = Checked(score, first.bins + part.bins)
+    return first
+
+
+def show_lights(scores: dict[str, Score]) -> None:
+    names = ("accuracy", "grass_iou", "person_iou", "person_f1", "obstacle_called_grass")
+    print("  light       " + "".join(f"{name:>24}" for name in names))
+    for light, score in scores.items():
+        figures = score.figures()
+        shares = ("-" if figures.get(n) is None else f"{100 * (figures[n] or 0.0):.2f} %" for n in names)
+        print(f"  {light:12}" + "".join(f"{share:>24}" for share in shares))
+
+
 def show(score: Score, count: int) -> None:
     print(f"{count} photos, {score.counts.sum()} labelled pixels")
     for name, value in score.figures().items():
         print(f"  {name:24} {'-' if value is None else f'{100 * value:.2f} %'}")
-    print("  true \\ found   other   grass   person   void")
-    for name, row in zip(("other", "grass", "person"), score.counts, strict=True):
+    names = {c.id: c.name for c in score.label_set.classes}
+    print(f"  true \\ found  {'   '.join(names[i] for i in score.ids)}   void")
+    for name, row in zip((names[i] for i in score.ids), score.counts, strict=True):
         print(f"  {name:12}" + "".join(f"{n:9d}" for n in row))
 
 

@@ -147,6 +147,11 @@ def test_recipes_come_back_whole_and_refuse_what_they_do_not_know(
     recipe = recipe_from_dict(tiny_recipe())
     assert recipe_from_dict(recipe_to_dict(recipe)) == recipe
     assert recipe.digest == recipe_from_dict(recipe_to_dict(recipe)).digest
+    said = tiny_recipe()
+    said["schedule"]["zoom"] = 1.0  # the default
+    assert recipe_from_dict(said).digest == recipe.digest
+    said["schedule"]["zoom"] = 2.0
+    assert recipe_from_dict(said).digest != recipe.digest
     with pytest.raises(ConfigError, match="did you mean 'steps'"):
         recipe_from_dict({**tiny_recipe(), "schedule": {"step": 3}})
     with pytest.raises(ConfigError, match="unknown keys nets"):
@@ -221,11 +226,12 @@ def test_gardens_are_held_out_by_the_scene_in_both_layouts(tiny_recipe: MakeReci
             tags = {"scene": f"{scene:04d}", "illumination": light}
             frames = [replace(frame, tags=tags) for frame in source]
             write_eden(frames, tmp_path / "eden", scene=tags["scene"], illumination=light)
-            sequence = tmp_path / "folder" / tags["scene"] / light
+            sequence = tmp_path / "gardens/folder" / tags["scene"] / light
             write_folder(frames, sequence)
-            write_folder(frames, sequence / "exact")  # the same frames with other depth: not read twice
+            (sequence / "complete.json").write_text('{"frames": 2}')
+    (tmp_path / "gardens/plan.json").write_text("{}")
     recipe = tiny_recipe()
-    for layout in ("eden", "folder"):
+    for layout in ("eden", "gardens"):
         entry = {"name": "gardens", "folder": layout, "kind": "recording", "hold_out": 3}
         recipe["data"] = [entry, entry | {"name": "held", "validation": True}]
         learn, held = (
@@ -233,7 +239,24 @@ def test_gardens_are_held_out_by_the_scene_in_both_layouts(tiny_recipe: MakeReci
         )
         assert (len(learn), len(held)) == (8, 4)
         assert [p.light for p in held] == ["clear", "clear", "sunset", "sunset"]
-        if layout == "eden":
-            assert {p.stem.split("-")[0] for p in held} == {"0001"}
-            assert {p.stem.split("-")[0] for p in learn} == {"0000", "0002"}
+        assert {p.stem.split("-")[0] for p in held} == {"0001"}
+        assert {p.stem.split("-")[0] for p in learn} == {"0000", "0002"}
     np.testing.assert_array_equal(held[0].codes, frames[0].labels)
+
+
+def test_views_have_the_networks_stretch_and_the_recipes_zoom() -> None:
+    image = np.zeros((120, 160, 3), np.uint8)
+    codes = np.zeros((120, 160), np.uint8)
+    codes[40:80, 60:100] = 1  # a square in the middle
+    still = Strength(scale=0.0, aspect=0.0, rotation_deg=0.0, zoom=1.5)
+    shapes = set()
+    for seed in range(12):
+        view = warp(image, codes, (96, 96), still, np.random.default_rng(seed), aspect=1.0)[1] == 1
+        shapes.add((int(view.any(0).sum()), int(view.any(1).sum())))
+    size = 40 * 1.5 * 96 / np.sqrt(160 * 120)
+    expected = {(size, size), (size * np.sqrt(3 / 4), size * np.sqrt(4 / 3))}  # 4:3 into a square
+    assert len(shapes) >= 2
+    for shape in shapes:  # a pixel of rounding, and the shift may cut the square
+        assert any(np.all(np.array(shape) <= np.array(e) + 1) for e in expected)
+    for wanted in expected:
+        assert any(np.allclose(shape, wanted, atol=1.01) for shape in shapes)

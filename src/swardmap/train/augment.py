@@ -19,11 +19,12 @@ class Strength:
     """How much is changed; the defaults are those of the shipped network.
 
     Attributes:
-        scale: log of the largest zoom in or out.
+        scale: log of the largest zoom in or out, about `zoom`.
         aspect: log of the largest stretch.
         rotation_deg: standard deviation.
         light: standard deviation of log gain and log gamma.
         rare: probability of each of blur, shadow, haze, noise, low resolution, JPEG.
+        zoom: mean zoom; 1 = the view has the area of the image, 2 = of a quarter of it.
     """
 
     scale: float = 0.5
@@ -31,10 +32,16 @@ class Strength:
     rotation_deg: float = 4.0
     light: float = 0.25
     rare: float = 0.15
+    zoom: float = 1.0
 
 
 def warp(
-    image: Image, codes: Image, size: tuple[int, int], strength: Strength, rng: np.random.Generator
+    image: Image,
+    codes: Image,
+    size: tuple[int, int],
+    strength: Strength,
+    rng: np.random.Generator,
+    aspect: float | None = None,
 ) -> tuple[Image, Image]:
     """Random view of the image: flip, zoom, stretch, turn, shift. What lies outside is void.
 
@@ -44,17 +51,17 @@ def warp(
         size: (width, height) of the view. Unchanged, the image would have the view's area.
         strength: how much.
         rng: source of chance.
+        aspect: width to height of the network's input, to which images will be stretched; None = the view's.
 
     Returns:
         The view of both, uint8.
     """
     height, width = image.shape[:2]
-    zoom = np.sqrt(size[0] * size[1] / (width * height)) * np.exp(rng.uniform(-0.8, 1.0) * strength.scale)
+    zoom = strength.zoom * np.sqrt(size[0] * size[1] / (width * height))
+    zoom *= np.exp(rng.uniform(-0.8, 1.0) * strength.scale)
     stretch = np.exp(rng.uniform(-1, 1) * strength.aspect / 2)
-    if height > width and rng.random() < 0.6:
-        stretch *= np.sqrt(
-            size[0] / size[1] * height / width
-        )  # a portrait photo, stretched as the network will see it
+    if rng.random() < 0.7:  # as the network will see it; otherwise as people do
+        stretch *= np.sqrt((aspect or size[0] / size[1]) * height / width)
     scale = np.array([zoom * stretch, zoom / stretch])
     angle = np.deg2rad(rng.normal(0, strength.rotation_deg))
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])

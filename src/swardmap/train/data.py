@@ -103,21 +103,24 @@ def draw_batch(sets: Sequence[PhotoSet], recipe: Recipe, indices: Sequence[int],
 def _draw(sets: Sequence[PhotoSet], recipe: Recipe, rng: np.random.Generator) -> Photo:
     crop = recipe.schedule.crop
     size = (crop, crop) if crop else (recipe.network.width, recipe.network.height)
-    strength = Strength()
+    strength = Strength(zoom=recipe.schedule.zoom)
+    aspect = recipe.network.width / recipe.network.height
     photo = _pick(sets, rng)
-    view = _view(photo, size, strength, rng)
+    view = _view(photo, size, strength, rng, aspect)
     person = person_code(recipe.network)
     if person is not None and rng.random() < recipe.schedule.paste_person:
-        donor = _view(_pick_person(sets, person, rng), size, strength, rng)
+        donor = _view(_pick_person(sets, person, rng), size, strength, rng, aspect)
         image, codes = paste(view.image, view.codes, donor.image, donor.codes, person)
         fine = np.where(codes == view.codes, view.fine, VOID_ID).astype(np.uint8)
         view = Photo(image, codes, fine, view.stem)
     return Photo(relight(view.image, strength, rng), view.codes, view.fine, view.stem)
 
 
-def _view(photo: Photo, size: tuple[int, int], strength: Strength, rng: np.random.Generator) -> Photo:
+def _view(
+    photo: Photo, size: tuple[int, int], strength: Strength, rng: np.random.Generator, aspect: float
+) -> Photo:
     masks = np.dstack([photo.codes, photo.fine])
-    image, masks = warp(photo.image, masks, size, strength, rng)
+    image, masks = warp(photo.image, masks, size, strength, rng, aspect)
     codes, fine = (np.ascontiguousarray(masks[..., i]) for i in range(2))
     return Photo(image, codes, fine, photo.stem)
 

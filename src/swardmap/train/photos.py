@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain
 from pathlib import Path
 
 import cv2
@@ -141,8 +140,7 @@ def _frames(config: DataConfig, root: Path) -> Iterator[Frame]:
     from swardmap.io import open_source
 
     scenes: dict[str, int] = {}
-    frames = chain.from_iterable(open_source(path) for path in _recordings(root / config.folder))
-    for index, frame in enumerate(frames):
+    for index, frame in enumerate(open_source(root / config.folder)):
         scene = frame.tags.get("scene")
         number = index if scene is None else scenes.setdefault(scene, len(scenes))
         n = config.hold_out
@@ -150,15 +148,6 @@ def _frames(config: DataConfig, root: Path) -> Iterator[Frame]:
             continue
         if index % config.every == 0:
             yield frame
-
-
-def _recordings(path: Path) -> list[Path]:
-    """The recording itself, or all in our layout below it (but none within another)."""
-    found: list[Path] = []
-    for file in sorted(path.rglob("camera.yaml"), key=lambda f: (len(f.parts), f)):
-        if not any(file.is_relative_to(recording) for recording in found):
-            found.append(file.parent)
-    return found or [path]
 
 
 def _of_frame(frame: Frame, config: DataConfig, number: int, network: NetworkConfig) -> Photo:

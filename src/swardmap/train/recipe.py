@@ -58,6 +58,9 @@ class ScheduleConfig(Checked):
     steps: int = setting(1200, "", minimum=1)
     batch: int = setting(16, "images a step, over all processes", minimum=1)
     crop: int = setting(320, "edge of the square views it learns from; 0 = the network's input", minimum=0)
+    zoom: float = setting(
+        1.0, "mean zoom of the views; 2 = of a quarter of the image", minimum=0.1, maximum=10
+    )
     decoder_rate: float = setting(1e-3, "learning rate at its peak", minimum=0)
     encoder_rate: float = setting(2e-4, "learning rate at its peak", minimum=0)
     warmup: int = setting(60, "steps to the peak", minimum=0)
@@ -81,9 +84,7 @@ class DataConfig(Checked):
 
     name: str = setting("", "what to call it")
     folder: str = setting("", "relative to the data root")
-    kind: str = setting(
-        "images", "recording: what `swardmap map` reads, or a folder of such", choices=("images", "recording")
-    )
+    kind: str = setting("images", "recording: whatever `swardmap map` reads", choices=("images", "recording"))
     list: str | None = setting(None, "text file in the folder with one stem a line; none = all images")
     images: str = setting("images", "subfolder")
     labels: str | None = setting("labels", "subfolder of masks named as the images; none = unlabelled")
@@ -153,8 +154,19 @@ class Recipe:
 
     @property
     def digest(self) -> str:
-        """Short hash of everything that shapes the result; a run resumes only under its own recipe."""
-        return hashlib.sha256(repr(asdict(self)).encode()).hexdigest()[:12]
+        """Short hash of everything that shapes the result; a run resumes only under its own recipe.
+
+        Settings left at their defaults do not count, so that a later version's new ones break no run.
+        """
+        parts = (self.network, self.schedule, *self.data, *self.teachers)
+        said = [self.name, self.licence, self.start, len(self.data), *map(_changed, parts)]
+        return hashlib.sha256(repr(said).encode()).hexdigest()[:12]
+
+
+def _changed(config: Any) -> list[tuple[str, Any]]:
+    """Settings that are not at their defaults."""
+    values = ((f.name, getattr(config, f.name), f.default) for f in fields(config))
+    return [(name, value) for name, value, default in values if value != default]
 
 
 def load_recipe(path: Path) -> Recipe:
