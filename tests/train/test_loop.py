@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from swardmap.errors import ConfigError, InputError, ModelError
+from swardmap.errors import ConfigError, InputError, ModelError, OutputError
 from swardmap.train import loop
 from swardmap.train.checkpoint import load_network, read_checkpoint
 from swardmap.train.data import draw_batch, load_photos, make_codes
@@ -171,3 +171,17 @@ def test_half_precision_learns_as_full_precision(data_root: Path, tiny_recipe: M
     assert losses["bf16"][0] == pytest.approx(losses["fp32"][0], rel=0.05)
     for course in losses.values():
         assert np.mean(course[-3:]) < 0.85 * np.mean(course[:3])
+
+
+def test_a_device_or_folder_that_cannot_be_is_said(
+    data_root: Path, tiny_recipe: MakeRecipe, tmp_path: Path
+) -> None:
+    recipe = recipe_from_dict(tiny_recipe(steps=2))
+    with pytest.raises(ConfigError, match="device 'banana': torch .* cannot use it"):
+        train(recipe, data_root, tmp_path, silent, "banana")
+    (tmp_path / "file").touch()
+    with pytest.raises(OutputError, match="cannot make the folder"):
+        train(recipe, data_root, tmp_path / "file", silent)
+    (tmp_path / "run/last.partial").mkdir(parents=True)  # nothing can be written there
+    with pytest.raises(OutputError, match=r"cannot write .*last.pt"):
+        train(recipe, data_root, tmp_path / "run", silent)

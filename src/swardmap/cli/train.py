@@ -1,5 +1,6 @@
 """`swardmap train`: a recipe to a checkpoint."""
 
+import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
@@ -40,18 +41,31 @@ def train(
         _distil(chosen, data)
     if world > 1:
         torch.distributed.barrier()
-    run = run_training(chosen, data, out, _report, device)
+    run = run_training(chosen, data, out, _Report(chosen.schedule.steps), device)
     if world > 1:
         torch.distributed.destroy_process_group()
     if rank == 0:
         print(f"trained {run.step} steps; best checkpoint: {out / 'best.pt'}")
 
 
-def _report(figures: Mapping[str, Any]) -> None:
-    if figures["step"] % 10 == 0 or len(figures) > 2:
-        print(
-            "  ".join(f"{k} {v:.4g}" if v is not None else f"{k} -" for k, v in figures.items()), flush=True
-        )
+class _Report:
+    """Plain lines: every tenth step its loss and the time left, every validation its figures."""
+
+    def __init__(self, steps: int) -> None:
+        self._steps = steps
+        self._first: tuple[int, float] | None = None
+
+    def __call__(self, figures: Mapping[str, Any]) -> None:
+        step, now = int(figures["step"]), time.monotonic()
+        first_step, since = self._first = self._first or (step, now)
+        validated = len(figures) > 2
+        if step % 10 and not validated:
+            return
+        words = [f"{k} {v:.4g}" if v is not None else f"{k} -" for k, v in figures.items()]
+        if step > first_step and not validated:
+            minutes = (now - since) / (step - first_step) * (self._steps - step) / 60
+            words.append(f"of {self._steps}, about {minutes:.0f} min left")
+        print("  ".join(words), flush=True)
 
 
 def _distil(recipe: Any, root: Path) -> None:

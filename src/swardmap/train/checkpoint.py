@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from swardmap.errors import ConfigError, InputError, ModelError
+from swardmap.errors import ConfigError, InputError, ModelError, OutputError
 from swardmap.train.build import build_network
 from swardmap.train.networks import DeepLabV3Plus
 from swardmap.train.recipe import Recipe, recipe_from_dict, recipe_to_dict
@@ -129,10 +130,27 @@ def _shape(value: Any) -> tuple[int, ...] | None:
     return getattr(value, "shape", None)
 
 
+def make_folder(path: Path) -> None:
+    """Make the folder of a run, if it is not there.
+
+    Raises:
+        OutputError: if that cannot be.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot make the folder {path}: {error.strerror}") from error
+
+
 def _save(state: Mapping[str, Any], path: Path) -> None:
     partial = path.with_suffix(".partial")
-    with partial.open("wb") as file:
-        torch.save(dict(state), file)
-        file.flush()
-        os.fsync(file.fileno())
-    partial.replace(path)
+    try:
+        with partial.open("wb") as file:
+            torch.save(dict(state), file)
+            file.flush()
+            os.fsync(file.fileno())
+        partial.replace(path)
+    except (OSError, RuntimeError) as error:  # torch's writer raises the latter on a full disk
+        with suppress(OSError):
+            partial.unlink()
+        raise OutputError(f"cannot write {path}; the checkpoint before it stays: {error}") from error

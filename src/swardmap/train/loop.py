@@ -21,7 +21,7 @@ from swardmap.labels import VOID_ID
 from swardmap.models import bundled_network
 from swardmap.models.onnx import decide, preprocess
 from swardmap.train.build import build_network, network_spec
-from swardmap.train.checkpoint import Run, begin_from, restore, save_progress
+from swardmap.train.checkpoint import Run, begin_from, make_folder, restore, save_progress
 from swardmap.train.data import Codes, PhotoSet, draw_batch, load_photos, make_codes
 from swardmap.train.loss import set_loss
 from swardmap.train.networks import DeepLabV3Plus
@@ -74,10 +74,11 @@ def train(recipe: Recipe, root: Path, out: Path, report: Report, device: str = "
         device: as torch names it.
 
     Raises:
-        ConfigError: if `out/last.pt` is of another recipe.
+        ConfigError: if `out/last.pt` is of another recipe, or torch cannot run on the device.
         InputError: for data that is missing or damaged.
+        OutputError: if `out` cannot be written.
     """
-    out.mkdir(parents=True, exist_ok=True)
+    make_folder(out)
     rank, world = join_processes(device)
     last = out / "last.pt"
     run = start_run(recipe, torch.device(device), pretrained=not (last.exists() or recipe.start))
@@ -102,11 +103,23 @@ def train(recipe: Recipe, root: Path, out: Path, report: Report, device: str = "
     return run
 
 
+def _check_device(device: str) -> None:
+    try:
+        torch.zeros(1, device=device)
+    except (RuntimeError, AssertionError) as error:  # torch built without CUDA asserts
+        reason = str(error).splitlines()[0]
+        raise ConfigError(f"device '{device}': torch {torch.__version__} cannot use it ({reason})") from error
+
+
 def join_processes(device: str) -> tuple[int, int]:
     """Rank and number of the processes that `torchrun` started; (0, 1) without it.
 
     Each process takes a GPU of its own where they run on GPUs.
+
+    Raises:
+        ConfigError: if torch cannot run on the device.
     """
+    _check_device(device)
     world = int(os.environ.get("WORLD_SIZE", "1"))
     if world == 1:
         return 0, 1
