@@ -1,4 +1,5 @@
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -7,6 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+import yaml
 
 from swardmap.errors import ConfigError, InputError
 from swardmap.geometry import Intrinsics
@@ -170,6 +172,12 @@ def test_recipes_come_back_whole_and_refuse_what_they_do_not_know(
 )
 def test_the_committed_recipes_are_sound(path: Path) -> None:
     assert load_recipe(path).name
+
+
+def test_the_recipe_in_the_document_is_sound() -> None:
+    page = (Path(__file__).parents[2] / "docs/models.md").read_text(encoding="utf-8")
+    (text,) = re.findall(r"^```yaml\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
+    assert recipe_from_dict(yaml.safe_load(text)).start == "auto"
 
 
 def test_a_coco_file_serves_as_masks(data_root: Path, tiny_recipe: MakeRecipe, tmp_path: Path) -> None:

@@ -177,7 +177,7 @@ def test_a_device_or_folder_that_cannot_be_is_said(
     data_root: Path, tiny_recipe: MakeRecipe, tmp_path: Path
 ) -> None:
     recipe = recipe_from_dict(tiny_recipe(steps=2))
-    with pytest.raises(ConfigError, match="device 'banana': torch .* cannot use it"):
+    with pytest.raises(ConfigError, match=r"device 'banana': torch .* cannot use it"):
         train(recipe, data_root, tmp_path, silent, "banana")
     (tmp_path / "file").touch()
     with pytest.raises(OutputError, match="cannot make the folder"):

@@ -4,6 +4,7 @@ Quantisation is static, QDQ, unsigned activations and signed weights per channel
 signed activations take twice as long. The metadata travels inside the file.
 """
 
+import logging
 import os
 import warnings
 from collections.abc import Callable, Iterable, Sequence
@@ -47,6 +48,7 @@ def export_onnx(network: DeepLabV3Plus, spec: NetworkSpec, path: Path) -> float:
     require("onnxscript", "train")
     network = network.eval().cpu()
     example = torch.randn(1, 3, spec.height, spec.width, generator=torch.Generator().manual_seed(0))
+    logging.getLogger("torch.onnx").setLevel(logging.ERROR)  # it tells of packages that nothing needs
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # deprecations inside the exporter
         program = torch.onnx.export(
