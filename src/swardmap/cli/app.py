@@ -23,6 +23,8 @@ from swardmap.cli.ros import ros_command
 from swardmap.cli.synth import EXAMPLES as SYNTH_EXAMPLES
 from swardmap.cli.synth import synth
 from swardmap.cli.train import train
+from swardmap.cli.view import EXAMPLES as VIEW_EXAMPLES
+from swardmap.cli.view import view_command
 from swardmap.errors import SwardmapError
 
 app = typer.Typer(
@@ -52,6 +54,7 @@ def _top(
 
 app.command("map", epilog=MAP_EXAMPLES)(map_command)
 app.command("record", epilog=RECORD_EXAMPLES)(record_command)
+app.command("view", epilog=VIEW_EXAMPLES)(view_command)
 app.command("demo")(demo)
 app.command("evaluate", epilog=EVALUATE_EXAMPLES)(evaluate_command)
 app.command("compare", epilog=COMPARE_EXAMPLES)(compare_command)
