@@ -1,5 +1,7 @@
 """A camera without a camera: the SDK's own software device, fed by the test."""
 
+import os
+import signal
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -8,6 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+
+from swardmap.io.limited import LimitedSource
 
 rs: Any = pytest.importorskip("pyrealsense2", reason="the camera maker's SDK is the judge")
 
@@ -123,6 +127,27 @@ def plug_in(
     find = feeding(lambda: SoftwareCamera(serial), feed)
     found = lambda wanted: find(wanted) if wanted in (None, serial) else None  # noqa: E731
     monkeypatch.setattr("swardmap.io.realsense_live.finder", lambda _: found)
+
+
+def ctrl_c_after(
+    monkeypatch: pytest.MonkeyPatch, frames: int, feed: Callable[[SoftwareCamera], None]
+) -> Callable[[SoftwareCamera], None]:
+    """A feed that presses Ctrl-C once a command has taken so many frames."""
+    made: list[LimitedSource] = []
+    init = LimitedSource.__init__
+
+    def remembered(self: LimitedSource, *arguments: Any) -> None:
+        init(self, *arguments)
+        made.append(self)
+
+    def then(camera: SoftwareCamera) -> None:
+        feed(camera)
+        while made[0].given < frames:
+            time.sleep(0.01)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    monkeypatch.setattr(LimitedSource, "__init__", remembered)
+    return then
 
 
 SETTINGS = ["--set", f"camera.width={WIDTH}", "--set", f"camera.height={HEIGHT}"]

@@ -229,14 +229,9 @@ class TestCamera:
     def test_ctrl_c_is_how_a_camera_ends(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
     ) -> None:
-        from tests.realsense import SETTINGS, SoftwareCamera, plug_in, steady
+        from tests.realsense import SETTINGS, ctrl_c_after, plug_in, steady
 
-        def feed(camera: SoftwareCamera) -> None:
-            steady(9)(camera)
-            time.sleep(0.5)
-            os.kill(os.getpid(), signal.SIGINT)
-
-        plug_in(monkeypatch, feed)
+        plug_in(monkeypatch, ctrl_c_after(monkeypatch, 8, steady(9)))
         before = signal.getsignal(signal.SIGINT)
         assert run(["record", "realsense:", "-o", str(tmp_path / "a.mcap"), "--json", *SETTINGS]) == 0
         facts = json.loads(capsys.readouterr().out)

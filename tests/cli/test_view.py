@@ -1,7 +1,6 @@
 """`swardmap view`: from any source to an .rrd file or a viewer, read back by Rerun's own reader."""
 
 import json
-import os
 import shutil
 import signal
 import socket
@@ -141,14 +140,9 @@ class TestCamera:
     def test_a_camera_is_watched_until_ctrl_c(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
     ) -> None:
-        from tests.realsense import SETTINGS, SoftwareCamera, color_image, plug_in, steady
+        from tests.realsense import SETTINGS, color_image, ctrl_c_after, plug_in, steady
 
-        def feed(camera: SoftwareCamera) -> None:
-            steady(6)(camera)
-            time.sleep(1.0)
-            os.kill(os.getpid(), signal.SIGINT)
-
-        plug_in(monkeypatch, feed)
+        plug_in(monkeypatch, ctrl_c_after(monkeypatch, 5, steady(6)))
         arguments = ["view", "realsense:123", "--save", str(tmp_path / "a.rrd"), "--segmenter", "colour"]
         assert run([*arguments, "--json", *SETTINGS, *MOUNT, "--set", "camera.queue=15"]) == 0
         facts = json.loads(capsys.readouterr().out)
