@@ -54,16 +54,18 @@ def placed(
 
 
 def box(size_m: tuple[float, float, float], material: Material | None = None) -> Mesh:
-    """A box that stands on z = 0, centred on x = y = 0; 24 vertices, uv in metres along each side."""
+    """A box that stands on z = 0, centred on x = y = 0; 24 vertices.
+
+    Texture coordinates are metres: v goes up on the sides, u goes along x where it can.
+    """
     corners, normals, uv = [], [], []
-    for axis in range(3):
+    for axis, (across, up, side) in enumerate(((1, 2, 1.0), (0, 2, -1.0), (0, 1, 1.0))):
         for sign in (-1.0, 1.0):
-            a, b = np.eye(3)[(axis + 1) % 3], np.eye(3)[(axis + 2) % 3] * sign
-            n = np.eye(3)[axis] * sign
+            n, a, b = np.eye(3)[axis] * sign, np.eye(3)[across] * sign * side, np.eye(3)[up]
             for u, v in ((-1, -1), (1, -1), (1, 1), (-1, 1)):
                 corners.append((n + a * u + b * v) / 2)
                 normals.append(n)
-                uv.append((u * size_m[(axis + 1) % 3] / 2, v * size_m[(axis + 2) % 3] / 2))
+                uv.append((u * size_m[across] / 2, v * size_m[up] / 2))
     xyz = np.array(corners) * size_m + [0, 0, size_m[2] / 2]
     quads = np.arange(24).reshape(6, 4)
     return mesh_of(xyz, normals, uv, np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]), material)

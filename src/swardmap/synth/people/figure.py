@@ -61,7 +61,7 @@ def figure_of(
         assets: have the arrays `people`.
         group: of GROUPS; None = by chance.
         hatted: cap, straw, beanie, helmet; "" = none; None = by chance.
-        lies: no loose long hair, which would not lie down.
+        lies: no hat, and no long hair, on which a head would not lie.
     """
     body = body_of(assets, group or str(rng.choice(GROUPS, p=SHARES)), rng)
     tone = picked(rng, SKIN)
@@ -71,7 +71,9 @@ def figure_of(
     bearded = body.group in ("man", "old man") and rng.random() < 0.35
     worn = skin_of(body, skin_left(body, cut), tone, face(rng, body, tone, hair, bearded))
     worn += clothes(rng, body, cut)
-    if hatted is None:
+    if hatted is None and lies:
+        hatted = ""  # a hat would lift the head
+    elif hatted is None:
         hatted = str(rng.choice(["", "cap", "straw", "beanie"], p=(0.7, 0.13, 0.13, 0.04)))
     material = hair_material(rng, hair)
     high = float(rng.uniform(0.0, 0.012)) + (
@@ -79,10 +81,10 @@ def figure_of(
     )
     thick = 0.004 if hatted else float(rng.uniform(0.008, 0.024))
     worn.append(cap_of_hair(rng, body, material, thick, high, -0.01 if body.is_female else 0.01))
-    if body.is_female or (body.is_child and rng.random() < 0.1):
+    if not lies and (body.is_female or (body.is_child and rng.random() < 0.1)):
         style = str(rng.choice(["long", "bob", "bun", "tail", "short"], p=(0.28, 0.2, 0.14, 0.23, 0.15)))
-        if style in ("bun", "tail") or (lies and style == "long"):
-            worn.append(tail(body, material, bun=style == "bun" or lies))
+        if style in ("bun", "tail"):
+            worn.append(tail(body, material, bun=style == "bun"))
         elif style in ("long", "bob"):
             worn.append(long_hair(body, material, 0.16 if style == "bob" else float(rng.uniform(0.2, 0.34))))
     if hatted:

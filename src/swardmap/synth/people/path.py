@@ -5,11 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from swardmap.errors import InvalidValueError
-from swardmap.labels import OTHER, PERSON
+from swardmap.labels import OTHER, PERSON, LabelClass
 from swardmap.synth.model import Float64Array, Ground, Model, Thing
 from swardmap.synth.people.body import Assets
 from swardmap.synth.people.figure import figure_of
 from swardmap.synth.people.gait import gait_of, step_meshes
+from swardmap.synth.people.riding import bicycles, fit_of, rider
 from swardmap.synth.shapes import placed
 
 PHASES = 16
@@ -66,7 +67,7 @@ class Path:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Walker:
-    """Somebody who walks or runs along a path.
+    """Somebody who walks, runs or rides along a path, or the bicycle; it leans with the ground.
 
     Attributes:
         models: one for each phase of the cycle, equally far apart; `at` gives these very objects.
@@ -75,7 +76,10 @@ class Walker:
         speed_mps: along the path.
         stride_m: way of one cycle.
         start_m: on the path at time 0.
-        pose: walking or running.
+        pose: walking, running or riding.
+        base_m: between the points that stand on the ground: the feet of a step, the wheels.
+        kind: of the thing.
+        label: of the thing.
     """
 
     models: tuple[Model, ...]
@@ -85,13 +89,16 @@ class Walker:
     stride_m: float
     start_m: float = 0.0
     pose: str = "walking"
+    base_m: float = 0.5
+    kind: str = "person"
+    label: LabelClass = PERSON
 
     def at(self, stamp_ns: int) -> Thing:
-        """The person at a time."""
+        """The thing at a time."""
         distance = self.start_m + self.speed_mps * stamp_ns * 1e-9
         phase = int(np.floor(distance / self.stride_m * len(self.models) + 0.5)) % len(self.models)
-        T = _on_ground(self.path, self.ground, distance)
-        return Thing(self.models[phase], "person", T, PERSON, self.pose)
+        T = _on_ground(self.path, self.ground, distance, self.base_m)
+        return Thing(self.models[phase], self.kind, T, self.label, self.pose)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,10 +133,17 @@ class Mover:
         return Thing(self.model, self.kind, T, OTHER, self.pose)
 
 
-def _on_ground(path: Path, ground: Ground, distance_m: float) -> Float64Array:
-    x, y = path.at(distance_m)
-    z = float(ground.height_at(np.array([[x, y]]))[0])
-    return placed(float(x), float(y), z, path.heading_rad(distance_m))
+def _on_ground(path: Path, ground: Ground, distance_m: float, base_m: float = 0.0) -> Float64Array:
+    """T_map_model on the ground, pitched so that points base_m apart, fore and aft, both touch it."""
+    (x, y), yaw = path.at(distance_m), path.heading_rad(distance_m)
+    fore = np.array([np.cos(yaw), np.sin(yaw)]) * base_m / 2
+    ahead, behind = ground.height_at(np.add((x, y), [fore, -fore]))
+    T = placed(float(x), float(y), float(ahead + behind) / 2, yaw)
+    if base_m > 0:
+        slope = float(ahead - behind) / base_m
+        c, s = 1 / np.hypot(1, slope), slope / np.hypot(1, slope)
+        T[:3, :3] = T[:3, :3] @ np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])
+    return T
 
 
 def walker(
@@ -156,4 +170,26 @@ def walker(
     name = f"person-{pose}-{int(rng.integers(2**62)):x}"
     models = tuple(Model(f"{name}-{k}", step_meshes(figure, gait, k / PHASES)) for k in range(PHASES))
     start = float(rng.uniform(0, path.length_m))
-    return Walker(models, path, ground, speed_mps, gait.stride_m, start, pose)
+    return Walker(models, path, ground, speed_mps, gait.stride_m, start, pose, gait.stride_m / 3)
+
+
+def cyclist(
+    rng: np.random.Generator, assets: Assets, path: Path, ground: Ground, speed_mps: float | None = None
+) -> tuple[Walker, Walker]:
+    """Somebody on a bicycle that goes along a path, and the bicycle.
+
+    Args:
+        rng: everything by chance comes from it.
+        assets: have the arrays `people`.
+        path: where to.
+        ground: ridden on.
+        speed_mps: None = by chance, slow as on a lawn.
+    """
+    hatted = "helmet" if rng.random() < 0.6 else None
+    figure = figure_of(rng, assets, hatted=hatted)
+    fit = fit_of(figure)
+    speed = float(rng.uniform(1.4, 2.4)) if speed_mps is None else speed_mps
+    name, start = f"person-riding-{int(rng.integers(2**62)):x}", float(rng.uniform(0, path.length_m))
+    people = tuple(Model(f"{name}-{k}", rider(figure, fit, k / PHASES)) for k in range(PHASES))
+    way = (path, ground, speed, fit.stride_m, start, "riding", fit.wheelbase_m)
+    return Walker(people, *way), Walker(bicycles(rng, fit, PHASES), *way, kind="bicycle", label=OTHER)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from swardmap.synth.model import Float32Array, Float64Array, Material, Mesh
 from swardmap.synth.people.body import ARM, LEG, Body, Shell
-from swardmap.synth.people.shell import normals_of, welded
+from swardmap.synth.people.shell import normals_of, unique_rows, welded
 from swardmap.synth.people.skeleton import Bones, skinned
 
 
@@ -93,7 +93,8 @@ def _around(corner: Float64Array, kind: int) -> Float64Array:
 def split_worn(shell: Shell, uv: Float64Array, material: Material, what: str) -> Worn:
     """Vertices told apart where faces disagree about texture coordinates (m x 3 x 2)."""
     key = np.concatenate([shell.faces.reshape(-1, 1), np.round(uv.reshape(-1, 2) * 4096).astype(np.int64)], 1)
-    unique, faces = np.unique(key, axis=0, return_inverse=True)
+    first, faces, _ = unique_rows(key)
+    unique = key[first]
     old = unique[:, 0]
     split = Shell(
         shell.xyz[old], shell.weights[old], shell.along[old], shell.mean[old],
@@ -122,8 +123,7 @@ def rigid(body: Body, bone: str, mesh: Mesh, at: Float64Array) -> Worn:
     weights[:, body.bones.index(bone)] = 1
     shell = Shell(xyz, weights, np.full((len(xyz), 4), -1.0), xyz, mesh.faces.astype(np.int64))
     key = np.round(np.hstack([mesh.xyz, mesh.normals]) * 1e3).astype(np.int64)
-    _, place = np.unique(key, axis=0, return_inverse=True)
-    return Worn(shell, mesh.uv, place.reshape(-1), mesh.faces, mesh.material, bone)
+    return Worn(shell, mesh.uv, unique_rows(key)[1], mesh.faces, mesh.material, bone)
 
 
 def put_down(

@@ -5,26 +5,30 @@ from numpy.typing import NDArray
 
 from swardmap.labels import PERSON
 from swardmap.synth.assets import Assets
-from swardmap.synth.model import Actor, Float64Array, Ground, Thing
-from swardmap.synth.people.path import Mover, Path, walker
+from swardmap.synth.model import Actor, Float64Array, Ground, Model, Thing
+from swardmap.synth.people.path import Mover, Path, cyclist, walker
 from swardmap.synth.scene.areas import curve
 from swardmap.synth.scene.figures import Stroller, figure, seat_under, somebody
-from swardmap.synth.scene.place import XY, Footprint, Occupancy, footprint_of, tilted, upright
+from swardmap.synth.scene.place import XY, Footprint, Occupancy, footprint_of, sunk_m, tilted, upright
 from swardmap.synth.scene.sites import Sites, jittered
 from swardmap.synth.scene.smalls import animal
 
 HIDERS = ("shrub", "tree", "hedge", "fence", "raised bed", "bin", "wall", "trellis")
-COUNT_SHARES = (0.05, 0.17, 0.26, 0.26, 0.16, 0.1)  # of gardens with 0-5 people who keep their place
+COUNT_SHARES = (0.04, 0.12, 0.2, 0.24, 0.2, 0.13, 0.07)  # of gardens with 0-6 people who keep their place
 HIDDEN_SHARE = 0.25
 WALKER_SHARES = (0.3, 0.45, 0.25)
+RIDER_SHARE, ANIMAL_SHARE = 0.2, 0.35  # of gardens
 ROOM_M = 0.45  # on both sides of a way
+SUNK_M = 0.05  # of somebody's lowest points, at most
+STEEPEST = 0.12  # of a way: height over length
+UPRIGHT = ("standing", "walking", "waving", "pointing", "carrying", "pushing", "crouching", "bending")
 
 
 def people(
     things: list[Thing], sites: Sites, ground: Ground, taken: Occupancy, assets: Assets | None,
     rng: np.random.Generator,
 ) -> list[Thing]:  # fmt: skip
-    """0-5 people who keep their place: on the lawn, lying, sitting, and half behind things.
+    """0-6 people who keep their place: on the lawn, lying, sitting, and half behind things.
 
     Args:
         things: what stands already; somebody may hide behind it.
@@ -35,17 +39,20 @@ def people(
         rng: source of chance.
     """
     found: list[Thing] = []
-    for _ in range(int(rng.choice(6, p=COUNT_SHARES))):
+    for _ in range(int(rng.choice(len(COUNT_SHARES), p=COUNT_SHARES))):
         model, pose, seat_m = somebody(rng, assets)
         seat = seat_under(rng, model, seat_m) if seat_m > 0 else None
-        flat = pose.startswith("lying")
-        behind = [t for t in things if t.kind in HIDERS] if rng.random() < HIDDEN_SHARE and not flat else []
+        whole = model if seat is None else Model(model.name, (*model.meshes, *seat.meshes))
+        hides = rng.random() < HIDDEN_SHARE and pose in UPRIGHT
+        behind = [t for t in things if t.kind in HIDERS] if hides else []
         where = sites.of("middle" if rng.random() < 0.6 else "lawn", 0.4)
-        for _ in range(14):
+        for _ in range(20):
             xy, yaw = _spot(rng, sites, where, behind), float(rng.uniform(0, 2 * np.pi))
-            foot = footprint_of(model, xy, yaw)
+            foot = footprint_of(whole, xy, yaw)
             if taken.gap_m(foot) > 0.05 and on_lawn(sites, xy, 0.3):
-                T = (tilted if flat else upright)(ground, model, xy, yaw)
+                T = (upright if pose in UPRIGHT else tilted)(ground, whole, xy, yaw)
+                if sunk_m(ground, whole, T) > SUNK_M:
+                    continue
                 found.append(Thing(model, "person", T, PERSON, pose))
                 found += [Thing(seat, "seat", T)] if seat is not None else []
                 taken.take(foot)
@@ -56,33 +63,34 @@ def people(
 def moving(
     sites: Sites, ground: Ground, taken: Occupancy, assets: Assets | None, rng: np.random.Generator
 ) -> list[Actor]:
-    """0-2 people and at times an animal that go round on the lawn, clear of things."""
+    """0-2 people, at times somebody on a bicycle and an animal, going round on the lawn, clear of things."""
     actors: list[Actor] = []
-    for _ in range(int(rng.choice(3, p=WALKER_SHARES))):
-        way = round_way(sites, taken, rng)
-        if way is not None and assets is not None and "people" in assets.array_names():
-            running = bool(rng.random() < 0.15)
-            actors.append(walker(rng, assets, Path(way, closed=True), ground, running=running))
+    bodies = assets if assets is not None and "people" in assets.array_names() else None
+    for _ in range(int(rng.choice(len(WALKER_SHARES), p=WALKER_SHARES))):
+        way = round_way(sites, ground, taken, rng)
+        if way is not None and bodies is not None:
+            running = bool(rng.random() < 0.2)
+            actors.append(walker(rng, bodies, Path(way, closed=True), ground, running=running))
         elif way is not None:
             model, speed = figure(rng, "standing"), float(rng.uniform(0.4, 1.4))
             actors.append(Stroller(model, Path(way, closed=True), ground, speed))
-    if rng.random() < 0.35:
-        way = round_way(sites, taken, rng)
-        names = (
-            [] if assets is None else [n for kind in ("dog", "cat", "chicken") for n in assets.names(kind)]
-        )
-        names = [n for n in names if assets is not None and assets.entry(n).pose == "standing"]
-        pick = int(rng.integers(max(len(names), 1)))
-        model = assets.model(names[pick]) if assets is not None and names else animal(rng)
+    if rng.random() < RIDER_SHARE and bodies is not None:
+        way = round_way(sites, ground, taken, rng, (2.2, 4.5))
         if way is not None:
-            actors.append(
-                Mover(model, "animal", Path(way, closed=True), ground, float(rng.uniform(0.3, 1.5)))
-            )
+            actors += cyclist(rng, bodies, Path(way, closed=True), ground)
+    if rng.random() < ANIMAL_SHARE:
+        way, model = round_way(sites, ground, taken, rng), _animal(assets, rng)
+        if way is not None:
+            path, speed = Path(way, closed=True), float(rng.uniform(0.3, 1.5))
+            actors.append(Mover(model, "animal", path, ground, speed))
     return actors
 
 
-def round_way(sites: Sites, taken: Occupancy, rng: np.random.Generator) -> Float64Array | None:
-    """A closed smooth way on the lawn with room on both sides, or None where there is none.
+def round_way(
+    sites: Sites, ground: Ground, taken: Occupancy, rng: np.random.Generator,
+    radius_m: tuple[float, float] = (0.9, 4.0),
+) -> Float64Array | None:  # fmt: skip
+    """A closed smooth way on the lawn with room on both sides, nowhere steep; None where there is none.
 
     Returns:
         k x 2; the first point is not repeated.
@@ -93,11 +101,13 @@ def round_way(sites: Sites, taken: Occupancy, rng: np.random.Generator) -> Float
         n, sense, start = 7, rng.choice([-1, 1]), rng.uniform(0, 2 * np.pi)
         angle = start + sense * np.arange(n) * 2 * np.pi / n
         out = np.stack((np.cos(angle), np.sin(angle)), axis=1)
-        knots = center + rng.uniform(0.9, 4.0) * rng.uniform(0.6, 1.2, (n, 1)) * out
+        knots = center + rng.uniform(*radius_m) * rng.uniform(0.7, 1.2, (n, 1)) * out
         way = curve(np.concatenate([knots[-1:], knots, knots[:2]]), 6)[6 : 6 + 6 * n]
         spots = [(float(x), float(y)) for x, y in way[::2]]
-        if all(taken.gap_m(Footprint(spot, (ROOM_M, ROOM_M))) > 0 for spot in spots) and all(
-            on_lawn(sites, spot, ROOM_M) for spot in spots
+        if (
+            all(taken.gap_m(Footprint(spot, (ROOM_M, ROOM_M))) > 0 for spot in spots)
+            and all(on_lawn(sites, spot, ROOM_M) for spot in spots)
+            and _steepest(ground, way) < STEEPEST
         ):
             return way
     return None
@@ -108,6 +118,23 @@ def on_lawn(sites: Sites, xy: XY, room_m: float) -> bool:
     k = int(np.argmin(np.square(sites.xy - xy).sum(axis=1)))
     close = float(np.hypot(*(sites.xy[k] - xy))) < 0.2
     return bool(close and sites.edge_m[k] > room_m and sites.lawn_m[k] > room_m)
+
+
+def _steepest(ground: Ground, way: Float64Array) -> float:
+    """Steepest slope along and across a closed way, over half a metre."""
+    reach = 0.25 * np.array([(1, 0), (0, 1)])
+    rise = [ground.height_at(way + d) - ground.height_at(way - d) for d in reach]
+    return float(np.hypot(*rise).max() / 0.5)
+
+
+def _animal(assets: Assets | None, rng: np.random.Generator) -> Model:
+    """A dog, cat or hen that stands."""
+    names: list[str] = []
+    if assets is not None:
+        names = [name for kind in ("dog", "cat", "chicken") for name in assets.names(kind)]
+        names = [name for name in names if assets.entry(name).pose == "standing"]
+    pick = int(rng.integers(max(len(names), 1)))
+    return assets.model(names[pick]) if assets is not None and names else animal(rng)
 
 
 def _spot(rng: np.random.Generator, sites: Sites, where: NDArray[np.intp], behind: list[Thing]) -> XY:

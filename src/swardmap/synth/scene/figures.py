@@ -10,6 +10,7 @@ from swardmap.synth.model import Ground, Material, Model, Thing
 from swardmap.synth.people.figure import person
 from swardmap.synth.people.path import Path
 from swardmap.synth.people.poses import POSES
+from swardmap.synth.scene.furniture import BENCH_SEAT_M, CHAIR_SEAT_M, bench, chair
 from swardmap.synth.scene.look import linear_of_hsv
 from swardmap.synth.scene.place import upright
 from swardmap.synth.scene.stuff import wood
@@ -47,8 +48,7 @@ class Stroller:
 def somebody(rng: np.random.Generator, assets: Assets | None) -> tuple[Model, str, float]:
     """Somebody: the model, the pose, and the height of the seat that must be beneath (0 = none)."""
     body, pick = rng.random() < BODY_SHARE, rng.random()
-    poses = [pose for pose in POSES if pose != "riding"]
-    pose = "standing" if rng.random() < STANDING_SHARE else str(rng.choice(poses))
+    pose = "standing" if rng.random() < STANDING_SHARE else str(rng.choice(list(POSES)))
     ready = () if assets is None else assets.names("person")
     if assets is not None and "people" in assets.array_names() and (body or not ready):
         who = person(rng, assets, pose)
@@ -62,13 +62,18 @@ def somebody(rng: np.random.Generator, assets: Assets | None) -> tuple[Model, st
 
 
 def seat_under(rng: np.random.Generator, model: Model, seat_m: float) -> Model:
-    """A block of wood beneath somebody who sits, in that model's frame; it reaches 4 cm into the ground."""
+    """A chair, a bench or a block of wood beneath somebody who sits, in that model's frame."""
     xyz = np.concatenate([mesh.xyz for mesh in model.meshes]).astype(np.float64)
     around = xyz[(xyz[:, 2] > seat_m - 0.02) & (xyz[:, 2] < seat_m + 0.12)]
     back = float(around[:, 0].min()) if len(around) else 0.0
     middle = float(np.median(around[:, 1])) if len(around) else 0.0
-    block = box((0.36, 0.42, seat_m + 0.03), wood(rng))
-    return Model("seat", (moved(block, placed(back + 0.2, middle, -0.04)),))
+    pick = rng.random()
+    if pick < 0.35:
+        block = box((0.36, 0.42, seat_m + 0.03), wood(rng))
+        return Model("seat", (moved(block, placed(back + 0.2, middle, -0.04)),))
+    made, high, ahead = (chair(rng), CHAIR_SEAT_M, 0.19) if pick < 0.75 else (bench(rng), BENCH_SEAT_M, 0.17)
+    T = placed(back + ahead, middle, 0, 0, (1, 1, (seat_m - 0.005) / high))
+    return Model("seat", tuple(moved(mesh, T) for mesh in made.meshes))
 
 
 def figure(rng: np.random.Generator, pose: str) -> Model:

@@ -6,7 +6,7 @@ import numpy as np
 
 from swardmap.synth.assets import Assets
 from swardmap.synth.model import Ground, Model, Thing
-from swardmap.synth.scene.place import Footprint, Occupancy, footprint_of, tilted, upright
+from swardmap.synth.scene.place import Footprint, Occupancy, footprint_of, sunk_m, tilted, upright
 from swardmap.synth.scene.plants import ground_cover
 from swardmap.synth.scene.recipes import Recipe
 from swardmap.synth.scene.sites import Sites, jittered
@@ -15,6 +15,7 @@ from swardmap.synth.scene.stuff import leaves
 TRIES = 14
 MAX_ASSET_TRIANGLES = 24_000
 DRAWN_WEIGHT = 1.0  # a drawn kind counts like so many models of the bundle
+SUNK_M = 0.06  # of the lowest points of what does not grow, at most
 UNFIT = ("broom",)  # stands on its bristles
 
 
@@ -78,9 +79,11 @@ def _placed(
         foot = footprint_of(model, xy, yaw, scale, recipe.foot_m)
         if taken.gap_m(foot) > recipe.room_m:
             stand = upright if recipe.upright else tilted
+            T = stand(ground, model, xy, yaw, scale)
+            if not recipe.rooted and sunk_m(ground, model, T) > SUNK_M:
+                continue
             if recipe.label.name != "grass":
                 taken.take(foot)
-            T = stand(ground, model, xy, yaw, scale)
             return Thing(model, recipe.kind, T, recipe.label, tint=_tint(recipe, rng))
     return None
 

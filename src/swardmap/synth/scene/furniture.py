@@ -19,6 +19,8 @@ from swardmap.synth.scene.stuff import (
 )
 from swardmap.synth.shapes import beam, box, cylinder, lathe, model_of, moved, placed, sphere, tube
 
+CHAIR_SEAT_M, BENCH_SEAT_M = 0.44, 0.455  # tops of the seats
+
 
 def bench(rng: np.random.Generator) -> Model:
     """A bench with a back."""

@@ -118,6 +118,12 @@ def tilted(ground: Ground, model: Model, xy: XY, yaw_rad: float, scale: float = 
     return T
 
 
+def sunk_m(ground: Ground, model: Model, T_map_model: Float64Array) -> float:
+    """How far the deepest of a model's lowest points lies below the ground; negative = they all hover."""
+    base = _base(model) @ T_map_model[:3, :3].T + T_map_model[:3, 3]
+    return float((ground.height_at(base[:, :2]) - base[:, 2]).max())
+
+
 def _base(model: Model) -> Float64Array:
     """Vertices within 1.5 cm of the lowest, at most some hundred."""
     xyz = np.concatenate([mesh.xyz for mesh in model.meshes]).astype(np.float64)

@@ -28,6 +28,7 @@ class Recipe:
         scale: smallest and largest.
         foot_m: only what is lower than this takes up ground (trees: the trunk).
         label: of its pixels. Flowers and leaves of the lawn below 5 cm are grass.
+        rooted: grows or is dug in: on a slope a part of its foot may be in the ground.
     """
 
     kind: str
@@ -41,16 +42,17 @@ class Recipe:
     scale: tuple[float, float] = (1.0, 1.0)
     foot_m: float = np.inf
     label: LabelClass = OTHER
+    rooted: bool = False
 
 
 RECIPES: tuple[Recipe, ...] = (
-    Recipe("tree", "lawn", 1.8, plants.tree, ("tree",), 1.3, True, 2, (0.85, 1.2), 0.5),
-    Recipe("tree", "bed", 1.0, plants.tree, ("tree",), 1.0, True, 2, (0.8, 1.1), 0.5),
+    Recipe("tree", "lawn", 1.8, plants.tree, ("tree",), 1.3, True, 2, (0.85, 1.2), 0.5, rooted=True),
+    Recipe("tree", "bed", 1.0, plants.tree, ("tree",), 1.0, True, 2, (0.8, 1.1), 0.5, rooted=True),
     Recipe("playhouse", "middle", 0.14, None, ("playhut", "pavilion"), 0.5),
     Recipe("tent", "lawn", 0.1, None, ("tent",), 0.3),
     Recipe("swing", "lawn", 0.4, furniture.play_frame, ("swing", "slide", "seesaw"), 0.4),
     Recipe("trampoline", "lawn", 0.2, furniture.trampoline, ("trampoline",), 0.3),
-    Recipe("raised bed", "lawn", 0.5, plants.raised_bed, (), 0.3),
+    Recipe("raised bed", "lawn", 0.5, plants.raised_bed, (), 0.3, rooted=True),
     Recipe("washing line", "middle", 0.35, furniture.washing_line_post, (), 0.2, True),
     Recipe("bench", "path", 0.7, furniture.bench, ("bench",), 0.15),
     Recipe("table", "terrace", 0.6, furniture.table, ("table",), 0.15),
@@ -61,24 +63,24 @@ RECIPES: tuple[Recipe, ...] = (
     Recipe("play", "lawn", 0.5, None, ("goal", "pool", "sandpit", "mattress"), 0.2),
     Recipe("statue", "lawn", 0.45, None, ("statue",), 0.2),
     Recipe("laundry", "lawn", 0.3, None, ("laundry",), 0.2),
-    Recipe("fountain", "middle", 0.1, None, ("fountain",), 0.4, True),
-    Recipe("trellis", "rim", 0.3, plants.trellis, (), 0.1, True),
+    Recipe("fountain", "middle", 0.1, None, ("fountain",), 0.4, True, rooted=True),
+    Recipe("trellis", "rim", 0.3, plants.trellis, (), 0.1, True, rooted=True),
     Recipe("bin", "rim", 0.5, furniture.bin_or_barrel, ("bin", "barrel", "crate", "dog-house"), 0.1),
     Recipe("wheelbarrow", "lawn", 0.35, furniture.wheelbarrow, ("wheelbarrow", "mower", "ladder")),
-    Recipe("shrub", "bed", 7.0, plants.shrub, ("shrub",), 0.0, False, 3, (0.7, 1.15)),
-    Recipe("shrub", "lawn", 1.6, plants.shrub, ("shrub",), 0.3, False, 2, (0.8, 1.15)),
-    Recipe("flowers", "bed", 4.0, plants.flowers, (), 0.0, False, 2, (0.8, 1.2)),
+    Recipe("shrub", "bed", 7.0, plants.shrub, ("shrub",), 0.0, False, 3, (0.7, 1.15), rooted=True),
+    Recipe("shrub", "lawn", 1.6, plants.shrub, ("shrub",), 0.3, False, 2, (0.8, 1.15), rooted=True),
+    Recipe("flowers", "bed", 4.0, plants.flowers, (), 0.0, False, 2, (0.8, 1.2), rooted=True),
     Recipe("planter", "terrace", 0.4, furniture.planter, ("planter", "basket")),
     Recipe("flower pot", "terrace", 0.8, plants.flower_pot, ("planter",), 0.05, False, 2),
     Recipe("flower pot", "lawn", 0.7, plants.flower_pot, ("planter",), 0.1, False, 2),
-    Recipe("pole", "lawn", 0.8, furniture.pole, ("pole", "cone"), 0.2, True),
-    Recipe("lamp post", "path", 0.5, furniture.lamp_post, ("lamp",), 0.1, True),
-    Recipe("sign", "lawn", 0.2, furniture.sign_board, (), 0.1, True),
+    Recipe("pole", "lawn", 0.8, furniture.pole, ("pole", "cone"), 0.2, True, rooted=True),
+    Recipe("lamp post", "path", 0.5, furniture.lamp_post, ("lamp",), 0.1, True, rooted=True),
+    Recipe("sign", "lawn", 0.2, furniture.sign_board, (), 0.1, True, rooted=True),
     Recipe("garden figure", "lawn", 0.6, smalls.garden_figure, ("lantern",), 0.15),
-    Recipe("rock", "bed", 0.8, smalls.rock, ("rock",), 0.0, False, 2, (0.6, 1.2)),
-    Recipe("rock", "lawn", 0.9, smalls.rock, ("rock",), 0.1, False, 2, (0.5, 1.2)),
-    Recipe("stump", "lawn", 0.4, plants.stump, ("logs",), 0.2),
-    Recipe("log", "lawn", 0.3, plants.log, (), 0.2),
+    Recipe("rock", "bed", 0.8, smalls.rock, ("rock",), 0.0, False, 2, (0.6, 1.2), rooted=True),
+    Recipe("rock", "lawn", 0.9, smalls.rock, ("rock",), 0.1, False, 2, (0.5, 1.2), rooted=True),
+    Recipe("stump", "lawn", 0.4, plants.stump, ("logs",), 0.2, rooted=True),
+    Recipe("log", "lawn", 0.3, plants.log, (), 0.2, rooted=True),
     Recipe("test body", "middle", 0.45, smalls.iso_test_body, (), 0.3),
     Recipe("animal", "lawn", 0.7, smalls.animal, ("dog", "cat", "chicken", "rabbit"), 0.2),
     Recipe("ball", "lawn", 1.3, smalls.ball, ("ball",), 0.1, False, 2),
@@ -86,10 +88,22 @@ RECIPES: tuple[Recipe, ...] = (
     Recipe("hose", "lawn", 0.5, smalls.hose, ("hose",), 0.1),
     Recipe("tool", "lawn", 0.8, smalls.tool, ("tool",), 0.1),
     Recipe("low object", "lawn", 1.8, smalls.low_object, ("low object",), 0.15, False, 2),
-    Recipe("twigs", "lawn", 0.7, smalls.bough, (), 0.05),
+    Recipe("twigs", "lawn", 0.7, smalls.bough, (), 0.05, rooted=True),
 )
 
 GRASSY: tuple[Recipe, ...] = (
-    Recipe("daisies", "lawn", 9.0, plants.daisies, (), 0.0, False, 2, (0.9, 1.1), label=GRASS),
-    Recipe("fallen leaves", "lawn", 7.0, plants.fallen_leaves, (), 0.0, False, 2, (0.9, 1.0), label=GRASS),
+    Recipe("daisies", "lawn", 9.0, plants.daisies, (), 0.0, False, 2, (0.9, 1.1), label=GRASS, rooted=True),
+    Recipe(
+        "fallen leaves",
+        "lawn",
+        7.0,
+        plants.fallen_leaves,
+        (),
+        0.0,
+        False,
+        2,
+        (0.9, 1.0),
+        label=GRASS,
+        rooted=True,
+    ),
 )

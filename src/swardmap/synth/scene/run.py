@@ -8,14 +8,22 @@ from swardmap.errors import InvalidValueError
 from swardmap.geometry import Intrinsics, Pose, mount_pose
 from swardmap.labels import PERSON
 from swardmap.synth.model import MAP_FRAME, Float64Array, Garden, Ground
+from swardmap.synth.scene.areas import inside_convex_m
 from swardmap.synth.scene.clearance import Clearance, clearance_of
 from swardmap.synth.scene.lanes import BORDER_M, THINGS_M, there_and_back, timed, to_and_fro, wander
 
 WHEELS_M = (0.25, 0.2)  # half the wheelbase, half the gauge
 ACTORS_M = 0.7  # the camera keeps this far from the middle of whoever moves
 SEEN_M = (0.6, 15.0)
-SEEN_RAD = 0.5
+SEEN_RAD = 0.45
+WISH_M = (1.5, 9.0)  # of each garden, one distance at which people are wished for
+TRIES, GOOD = 15, 0.75
+AHEAD_M, INWARD_SHARE = 4.0, 0.25  # what a look into the lot counts beside people
+FAR_M = 5.0  # at least, of the ground that is seen
 PEOPLE_SHARE = 0.9  # of the runs look for a way on which people are seen
+
+People = tuple[Float64Array, list[Float64Array]]
+"""Where those stand who keep their place (n x 2), and where each who moves is, frame by frame (n x 2)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,13 +59,19 @@ class Rig:
 
 
 def random_rig(seed: int, width: int = 640, height: int = 480) -> Rig:
-    """A rig within what mowers have: 0.3-1.3 m high, 10-30 degrees down, a lens near that of a D435i."""
+    """A rig within what mowers have: 0.3-1.3 m high, 10-30 degrees down, a lens near that of a D435i.
+
+    The lower the camera, the less it looks down: the middle of the upper edge sees the ground to 5 m or more.
+    """
     rng = np.random.default_rng([seed, 41])
     fx = width * rng.uniform(0.84, 0.98)
     cx, cy = width / 2 - 0.5 + rng.normal(0, 0.008) * width, height / 2 - 0.5 + rng.normal(0, 0.008) * height
     lens = Intrinsics(width, height, float(fx), float(fx * rng.uniform(0.995, 1.005)), float(cx), float(cy))
+    height_m = float(rng.uniform(0.3, 1.3))
+    upper = np.degrees(np.arctan2(lens.cy + 0.5, lens.fy))
+    steepest = min(30.0, float(upper + np.degrees(np.arctan(height_m / FAR_M))))
     return Rig(
-        lens, float(rng.uniform(0.3, 1.3)), float(rng.uniform(10, 30)),
+        lens, height_m, float(rng.uniform(10, steepest)),
         float(np.clip(rng.normal(0, 1.3), -4, 4)),
         float(rng.uniform(-0.1, 0.35)), float(rng.uniform(-0.08, 0.08)),
         float(rng.uniform(0, 0.004)), float(rng.uniform(0, 0.35)),
@@ -103,17 +117,22 @@ def _track(
     """The best of some ways, sampled at the times: n x 3 of x, y, heading."""
     people, others = _positions(garden, stamps)
     speed, wants = float(rng.uniform(0.3, 0.7)), rng.random() < PEOPLE_SHARE
+    wish_m = float(np.exp(rng.uniform(*np.log(WISH_M))))
     need_m = float(min(seconds[-1] * speed + 2, 400))
     found: list[tuple[float, Float64Array]] = []
-    for k in range(14):
-        way = to_and_fro(clear, garden.lot_m, rng) if k % 2 else _curve(clear, garden, need_m, rng)
+    for k in range(TRIES):
+        way = (
+            to_and_fro(clear, garden.lot_m, rng) if k % 3 == 2 else _curve(clear, garden, people, need_m, rng)
+        )
         if len(way) < 50:
             continue
         for track in _windows(way, speed, seconds, rng):
             if _moves(track, speed, seconds) and _apart(track, [*people[1], *others], ACTORS_M):
-                found.append((_seen(track, people), track))
-                if not wants or found[-1][0] > 0.85:
-                    return track
+                score = INWARD_SHARE * _looks_inward(garden, track)
+                score += _seen(clear, track, people, wish_m) if wants else 0.0
+                found.append((score, track))
+        if found and (not wants or max(score for score, _ in found) > GOOD):
+            break
     if not found:
         raise InvalidValueError(
             f"{garden.name}: found no way with {THINGS_M} m to things and {BORDER_M} m to the border of the "
@@ -122,13 +141,22 @@ def _track(
     return max(found, key=lambda pair: pair[0])[1]
 
 
-def _curve(clear: Clearance, garden: Garden, need_m: float, rng: np.random.Generator) -> Float64Array:
+def _curve(
+    clear: Clearance, garden: Garden, people: People, need_m: float, rng: np.random.Generator
+) -> Float64Array:
+    """A free curve that begins some metres from somebody, towards them; anywhere if there is nobody."""
     low, high = garden.lot_m.min(axis=0), garden.lot_m.max(axis=0)
-    tries = rng.uniform(low, high, (200, 2))
-    tries = tries[clear.free(tries, THINGS_M + 0.1, BORDER_M + 0.1)]
-    if not len(tries):
+    heading = rng.uniform(-np.pi, np.pi, 300)
+    tries = rng.uniform(low, high, (300, 2))
+    places = [*people[0], *(line[0] for line in people[1])]
+    if places:
+        away = rng.uniform(2.0, 9.0, 300)
+        towards = np.stack((np.cos(heading), np.sin(heading)), axis=1)
+        tries = np.array(places[int(rng.integers(len(places)))]) - away[:, None] * towards
+    free = np.flatnonzero(clear.free(tries, THINGS_M + 0.1, BORDER_M + 0.1))
+    if not len(free):
         return np.zeros((0, 3))
-    start = np.array([*tries[0], rng.uniform(0, 2 * np.pi)])
+    start = np.array([*tries[free[0]], heading[free[0]] + rng.normal(0, 0.25)])
     return wander(clear, start, min(need_m, 60.0), rng)
 
 
@@ -139,13 +167,11 @@ def _windows(
     while timed(way, speed)[-1] < seconds[-1]:
         way = there_and_back(way)
     time = timed(way, speed)
-    starts = rng.uniform(0, time[-1] - seconds[-1], 4)
+    starts = np.append(rng.uniform(0, time[-1] - seconds[-1], 3), 0.0)
     return [np.stack([np.interp(t + seconds, time, way[:, k]) for k in range(3)], axis=1) for t in starts]
 
 
-def _positions(
-    garden: Garden, stamps: list[int]
-) -> tuple[tuple[Float64Array, list[Float64Array]], list[Float64Array]]:
+def _positions(garden: Garden, stamps: list[int]) -> tuple[People, list[Float64Array]]:
     """Where people stand (n x 2), where those who move are at each stamp, and where other actors are."""
     still = [thing.T_map_model[:2, 3] for thing in garden.things if thing.label == PERSON]
     moving: list[Float64Array] = []
@@ -167,17 +193,27 @@ def _apart(track: Float64Array, lines: list[Float64Array], room_m: float) -> boo
     return all(bool((np.linalg.norm(track[:, :2] - line, axis=1) > room_m).all()) for line in lines)
 
 
-def _seen(track: Float64Array, people: tuple[Float64Array, list[Float64Array]]) -> float:
-    """Share of the times at which somebody is within view, things in between left out."""
+def _seen(clear: Clearance, track: Float64Array, people: People, wish_m: float) -> float:
+    """Mean over time of how well somebody is in view, 0..1: about as far as wished, nothing tall between."""
     still, moving = people
     away = [np.broadcast_to(at, (len(track), 2)) for at in still] + moving
-    seen = np.zeros(len(track), bool)
+    seen = np.zeros(len(track))
     for place in away:
         d = place - track[:, :2]
         r = np.linalg.norm(d, axis=1)
         off = np.angle(np.exp(1j * (np.arctan2(d[:, 1], d[:, 0]) - track[:, 2])))
-        seen |= (r > SEEN_M[0]) & (r < SEEN_M[1]) & (np.abs(off) < SEEN_RAD)
+        within = (r > SEEN_M[0]) & (r < SEEN_M[1]) & (np.abs(off) < SEEN_RAD)
+        within[within] = clear.sees(track[within, :2], place[within])
+        fits = 0.3 + 0.7 * np.exp(-np.square(np.log(np.maximum(r, 0.1) / wish_m) / 0.6))
+        seen = np.maximum(seen, within * fits)
     return float(seen.mean())
+
+
+def _looks_inward(garden: Garden, track: Float64Array) -> float:
+    """Share of the times at which the lot reaches some metres ahead."""
+    ahead = track[:, :2] + AHEAD_M * np.stack((np.cos(track[:, 2]), np.sin(track[:, 2])), axis=1)
+    x, y = ahead.astype(np.float32).T
+    return float((inside_convex_m(garden.lot_m, x, y) > 0).mean())
 
 
 def _camera_pose(ground: Ground, rig: Rig, x: float, y: float, yaw: float, shake: Float64Array) -> Pose:

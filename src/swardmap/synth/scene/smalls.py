@@ -22,14 +22,16 @@ TEST_BODY_HEIGHT_M, TEST_BODY_DIAMETER_M = 0.80, 0.38
 
 
 def iso_test_body(rng: np.random.Generator) -> Model:
-    """The barrel-shaped test body of ISO 18497: a person who sits, as a plastic barrel of matt olive green.
+    """The barrel-shaped test body of ISO 18497: torso and head of a person who sits, matt olive green.
 
-    Its size here, 0.80 m high and 0.38 m wide, is from memory of the literature on obstacle detection in
-    fields; the text of the standard was not at hand. At times it lies.
+    Barrel-shaped, and meant to mimic torso and head of a seated human: Steen et al., J. Imaging 2016, 2(1),
+    6. The text of the standard was not at hand: height 0.80 m and diameter 0.38 m are from memory, the
+    diameter of the head is that of a head. At times it lies.
     """
-    r, h = TEST_BODY_DIAMETER_M / 2, TEST_BODY_HEIGHT_M
-    profile = [(0, 0), (0.82 * r, 0), (0.9 * r, 0.06 * h), (r, 0.3 * h), (r, 0.7 * h), (0.9 * r, 0.94 * h),
-               (0.82 * r, h), (0, h)]  # fmt: skip
+    r, h, head = TEST_BODY_DIAMETER_M / 2, TEST_BODY_HEIGHT_M, 0.1
+    profile = [(0, 0), (0.86 * r, 0), (0.93 * r, 0.03), (r, 0.16), (r, 0.42), (0.9 * r, 0.51),
+               (0.6 * r, 0.565), (head, 0.585), (head, h - 0.04), (0.75 * head, h - 0.01), (0.4 * head, h),
+               (0, h)]  # fmt: skip
     body = lathe(profile, 24, Material((0.085, 0.095, 0.035), roughness=0.9))
     if rng.random() < 0.2:
         lying = np.array([[0, 0, 1.0, -h / 2], [0, 1, 0, 0], [-1, 0, 0, r], [0, 0, 0, 1]])

@@ -26,13 +26,13 @@ def fence_part(rng: np.random.Generator, length_m: float, style: str, height_m: 
         return model_of(style, build(length_m, height_m))
     timber = wood(rng) if rng.random() < 0.6 else painted_wood(rng)
     start = -length_m / 2
-    parts = [moved(box((0.09, 0.09, height_m + 0.06), timber), placed(start + 0.045, 0))]
+    parts = [_upright(start + 0.045, 0.0, (0.0, height_m + 0.06), (0.09, 0.09), timber)]
     levels = (0.22, 0.55, 0.88) if style == "rails" else (0.22, 0.78)
     parts += [_level(start, length_m, z * height_m, (0.035, 0.08), timber) for z in levels]
     pitch, width = {"pickets": (0.13, 0.08), "boards": (0.125, 0.12), "rails": (9.0, 0.0)}[style]
     for x in np.arange(start + 0.15, start + length_m - 0.02, pitch) if width else ():
         tall = height_m * rng.uniform(0.985, 1.0) - 0.05
-        parts.append(moved(box((width, 0.02, tall), timber), placed(x, 0.028, 0.05)))
+        parts.append(_upright(float(x), 0.028, (0.05, 0.05 + tall), (width, 0.02), timber))
     return model_of(style, parts)
 
 
@@ -85,8 +85,11 @@ def shed(rng: np.random.Generator, half_m: tuple[float, float]) -> Model:
     w, d, eaves = 2 * half_m[0], 2 * half_m[1], rng.uniform(1.8, 2.1)
     timber = wood(rng) if rng.random() < 0.6 else painted_wood(rng)
     parts = [box((w, d, eaves), timber), *roof(rng, w, d, eaves, 0.4)]
-    board, at = box((0.13, 0.02, eaves), timber), np.arange(-w / 2 + 0.07, w / 2, 0.14)
-    parts += [moved(board, placed(float(x), side * (d / 2 + 0.01))) for side in (-1, 1) for x in at]
+    parts += [
+        _upright(float(x), side * (d / 2 + 0.01), (0.0, eaves), (0.13, 0.02), timber)
+        for side in (-1, 1)
+        for x in np.arange(-w / 2 + 0.07, w / 2, 0.14)
+    ]
     parts += [moved(part, placed(0.2 * w, d / 2 + 0.02)) for part in _door(rng, painted_wood(rng))]
     return model_of("shed", parts)
 
@@ -126,6 +129,13 @@ def _door(rng: np.random.Generator, frame: Material) -> list[Mesh]:
         moved(box((0.9, 0.07, 1.95), leaf), placed(0, 0.02)),
         moved(box((0.03, 0.06, 0.12), METAL), placed(0.36, 0.07, 1.0)),
     ]
+
+
+def _upright(
+    x: float, y: float, z: tuple[float, float], size: tuple[float, float], material: Material
+) -> Mesh:
+    """A post or board from z[0] to z[1], its grain upright; `size` along x and y."""
+    return beam((x, y, z[0]), (x, y, z[1]), (size[1], size[0]), material)
 
 
 def _level(start: float, length: float, z: float, size: tuple[float, float], material: Material) -> Mesh:

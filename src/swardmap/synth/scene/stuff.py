@@ -56,13 +56,13 @@ def plaster(rng: np.random.Generator) -> Material:
 def bricks(rng: np.random.Generator) -> Material:
     """Brickwork; four courses to 0.3 m."""
     return Material(
-        linear_of_hsv(rng.uniform(8, 24), rng.uniform(0.35, 0.6), rng.uniform(0.5, 0.72)), brick_texture()
+        linear_of_hsv(rng.uniform(9, 22), rng.uniform(0.3, 0.5), rng.uniform(0.42, 0.62)), brick_texture()
     )
 
 
 def leaves(rng: np.random.Generator, autumn: float = 0.06) -> Material:
     """Foliage: greens of shrubs and trees, at times red or yellow."""
-    hue, saturation, value = rng.uniform(72, 125), rng.uniform(0.35, 0.62), rng.uniform(0.38, 0.6)
+    hue, saturation, value = rng.uniform(74, 112), rng.uniform(0.32, 0.55), rng.uniform(0.34, 0.54)
     if rng.random() < autumn:
         hue, saturation, value = rng.uniform(5, 48), rng.uniform(0.5, 0.75), rng.uniform(0.45, 0.7)
     return Material(
