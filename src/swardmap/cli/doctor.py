@@ -4,21 +4,24 @@ import json
 import os
 import platform
 import shutil
-import sys
 import tempfile
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 
+import typer
+
 from swardmap.cli.options import Json
+from swardmap.errors import require
 
 Check = tuple[str, bool, str]
 
 
 def doctor(as_json: Json = False) -> None:
-    """Say what works on this machine: packages, kernels, model, camera, ROS.
+    """Say what works on this machine: packages, kernels, model, camera, viewer, gardens, ROS.
 
-    Exits with 1 if something that every user needs does not work. Example: swardmap doctor
+    What is missing is named with the command that installs it. Exits with 1 if something that every user
+    needs does not work. Example: swardmap doctor
     """
     needed = [_check(name, probe) for name, probe in NEEDED.items()]
     optional = [_check(name, probe) for name, probe in OPTIONAL.items()]
@@ -31,7 +34,7 @@ def doctor(as_json: Json = False) -> None:
             for name, ok, about in checks:
                 print(f"  {'ok ' if ok else '-- '} {name:<18} {about}")
     if not all(ok for _, ok, _ in needed):
-        sys.exit(1)
+        raise typer.Exit(1)
 
 
 def _check(name: str, probe: Callable[[], str]) -> Check:
@@ -87,16 +90,54 @@ def _temporary() -> str:
 
 
 def _camera() -> str:
-    from swardmap.errors import require
-
     rs = require("pyrealsense2", "realsense", "On Debian it needs: apt-get install libusb-1.0-0")
-    found = [device.get_info(rs.camera_info.name) for device in rs.context().query_devices()]
+    known = (rs.camera_info.name, rs.camera_info.serial_number)
+    found = [" ".join(device.get_info(key) for key in known) for device in rs.context().query_devices()]
     return ", ".join(found) if found else "package works, no camera is connected"
 
 
+def _viewer() -> str:
+    from swardmap.viz.rerun_sink import has_screen, load_rerun
+
+    where = "a screen" if has_screen() else "no screen: use --save or --connect"
+    return f"rerun {load_rerun().__version__}, {where}"
+
+
+def _work_area() -> str:
+    return f"pyproj {require('pyproj', 'gps').__version__}"
+
+
+def _training() -> str:
+    return f"torch {require('torch', 'train').__version__}"
+
+
+def _cluster() -> str:
+    return f"ray {require('ray', 'ray').__version__}"
+
+
+def _gardens() -> str:
+    from swardmap.synth.render.context import driver_of, open_context
+
+    context = open_context()
+    try:
+        return driver_of(context)
+    finally:
+        context.release()
+
+
+def _assets() -> str:
+    from swardmap.synth.assets import open_assets
+
+    assets = open_assets()
+    return f"{len(assets.kinds())} kinds of models, digest {assets.digest[:12]}"
+
+
 def _ros() -> str:
-    import_module("rclpy")
-    return f"rclpy works, ROS_DISTRO={os.environ.get('ROS_DISTRO', 'not set')}"
+    from swardmap.ros.topics import find_types, rclpy_module
+
+    rclpy_module()
+    distro = os.environ.get("ROS_DISTRO", "not set")
+    return "; ".join([f"rclpy works, ROS_DISTRO={distro}", *find_types().without])
 
 
 NEEDED: dict[str, Callable[[], str]] = {
@@ -113,6 +154,12 @@ NEEDED: dict[str, Callable[[], str]] = {
 OPTIONAL: dict[str, Callable[[], str]] = {
     "bundled network": _network,
     "realsense camera": _camera,
+    "rerun viewer": _viewer,
+    "work area (gps)": _work_area,
+    "garden renderer": _gardens,
+    "garden assets": _assets,
+    "training": _training,
+    "cluster": _cluster,
     "ros 2": _ros,
 }
 

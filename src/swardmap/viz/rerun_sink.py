@@ -99,7 +99,7 @@ def rerun_sink(
 
 def _viewer(stream: Any, connect: str | None, layout: Any) -> RerunSink:
     """Refuse a viewer that does not answer, before any work is done for it."""
-    if connect is None and sys.platform == "linux" and not _has_screen():
+    if connect is None and not has_screen():
         raise OutputError(
             "the Rerun viewer needs a screen, and neither DISPLAY nor WAYLAND_DISPLAY is set: write a file "
             "with --save FILE.rrd, or name a viewer on another machine with --connect URL"
@@ -139,8 +139,9 @@ def _nobody(url: str, why: str) -> OutputError:
     )
 
 
-def _has_screen() -> bool:
-    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+def has_screen() -> bool:
+    """Whether a window can be opened, as far as the environment says."""
+    return sys.platform != "linux" or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
 
 
 @contextmanager
