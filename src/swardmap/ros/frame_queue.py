@@ -1,7 +1,7 @@
-"""Between the callbacks and the mapper: each camera's oldest frame goes first, never the newest of any.
+"""Between the callbacks and the mapper: what waits too long is dropped, never the newest of a camera.
 
 A queue shared by all cameras would starve one of them: of two that give frames at the same time, the second
-would always push the first one's out.
+would always push the first one's out. So each has its own, and they take turns.
 """
 
 import threading
@@ -21,8 +21,7 @@ class FrameQueue(Generic[Item]):
     def __init__(self, capacity: int) -> None:
         self.capacity = capacity
         self.dropped: Counter[str] = Counter()
-        self._items: dict[str, deque[tuple[int, Item]]] = {}
-        self._count = 0
+        self._items: dict[str, deque[Item]] = {}  # the camera that was served last is last
         self._changed = threading.Condition()
 
     def __len__(self) -> int:
@@ -42,17 +41,18 @@ class FrameQueue(Generic[Item]):
             if len(waiting) >= self.capacity:
                 waiting.popleft()
                 self.dropped[camera] += 1
-            self._count += 1
-            waiting.append((self._count, item))
+            waiting.append(item)
             self._changed.notify()
 
     def get(self, timeout_s: float | None = None) -> Item | None:
-        """Take the item that came first of all; None if none comes in time."""
+        """Take the oldest item of the camera whose turn it is; None if none comes in time."""
         with self._changed:
             if not self._changed.wait_for(lambda: len(self), timeout_s):
                 return None
-            waiting = (items for items in self._items.values() if items)
-            return min(waiting, key=lambda items: items[0][0]).popleft()[1]
+            camera = next(name for name, items in self._items.items() if items)
+            waiting = self._items.pop(camera)
+            self._items[camera] = waiting
+            return waiting.popleft()
 
     def clear(self) -> None:
         """Drop all that waits, uncounted: the map it was for is gone."""

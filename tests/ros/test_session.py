@@ -1,0 +1,404 @@
+"""The node without ROS: the same map as offline, faults by name, cameras by direction of travel."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from swardmap.config import Config, config_from_dict
+from swardmap.costmap import LETHAL
+from swardmap.errors import ConfigError, InputError
+from swardmap.geometry import Pose
+from swardmap.health import Fault, HealthReport, Severity
+from swardmap.io.bag_topics import ImageTopic
+from swardmap.io.living_files import write_living
+from swardmap.labels import MapClass
+from swardmap.models import build_segmenter
+from swardmap.pipeline import ObstacleMapper
+from swardmap.rig import Rig
+from swardmap.ros.parameters import Parameters, parameters_from
+from swardmap.ros.session import Session
+from swardmap.types import Frame
+from tests.ros import drive
+from tests.ros.drive import MS, ONE, PERIOD_NS, RIG, START_NS
+
+LATENCY_NS = 20 * MS
+SETTINGS = {"segmenter": {"name": "colour"}, "source": {"odometry_topic": "/odom"}}
+
+
+def parameters(settings: dict[str, Any] | None = None, **node: Any) -> Parameters:
+    merged = {**SETTINGS, **(settings or {})}
+    return parameters_from(node, Parameters(config=config_from_dict(merged)))
+
+
+def session_of(parameters: Parameters, rig: Rig | None = None) -> Session:
+    return Session(parameters, build_segmenter(parameters.config.segmenter), rig)
+
+
+class Robot:
+    """Sends messages to a session and lets it work, in the order of a simulated clock."""
+
+    def __init__(self, session: Session, rig: Rig) -> None:
+        self.session, self.rig = session, rig
+        self.now_ns = START_NS
+        self.frames: list[Frame] = []
+        self.reports: list[HealthReport] = []
+
+    def pose(self, x_m: float, stamp_ns: int) -> None:
+        self.session.on_odometry(drive.odometry(x_m, stamp_ns), self.now_ns)
+
+    def look(self, name: str, frame: Frame, stamp_ns: int) -> None:
+        """One pair of images with their CameraInfo."""
+        for topic, (kind, fields) in drive.camera_fields(frame, name, stamp_ns).items():
+            which, what = topic.split("/")
+            message = drive.message(kind, fields)
+            if what == "camera_info":
+                self.session.on_info(name, which, message)
+            else:
+                self.session.on_image(name, which, message, self.now_ns)
+
+    def work(self) -> None:
+        while (mapped := self.session.process(0)) is not None or len(self.session.queue):
+            if mapped is not None:
+                self.session.mapped(mapped.pair, self.now_ns)
+                self.frames.append(mapped.step.frame)
+        self.reports.append(self.session.check(self.now_ns))
+
+    def step(self, i: int, x_m: float, posed: bool = True, skew_ns: int = 0) -> HealthReport:
+        """The i-th tenth of a second: a pose, and an image of every camera."""
+        stamp_ns = START_NS + i * PERIOD_NS
+        self.now_ns = stamp_ns + LATENCY_NS
+        if posed:
+            self.pose(x_m, stamp_ns)
+        for name in self.rig.names:
+            key = name if name in self.session.inputs else "camera"
+            self.look(key, drive.view(self.rig, name, x_m, i % 20), stamp_ns + skew_ns)
+        self.work()
+        return self.reports[-1]
+
+    def run(self, xs_m: Sequence[float], start: int = 0, **options: Any) -> HealthReport:
+        for i, x_m in enumerate(xs_m, start):
+            self.step(i, x_m, **options)
+        return self.reports[-1]
+
+
+def one_robot(settings: dict[str, Any] | None = None, **node: Any) -> Robot:
+    rig = drive.rig_of(ONE)
+    return Robot(session_of(parameters(settings, **node), rig), rig)
+
+
+def offline_map(frames: Sequence[Frame], config: Config) -> ObstacleMapper:
+    mapper = ObstacleMapper(build_segmenter(config.segmenter), config)
+    for frame in frames:
+        mapper.step(frame)
+    return mapper
+
+
+def snapshot(session: Session) -> Any:
+    report = session.report
+    return session.engine.snapshot(None if report is None else report.forget_before_ns)
+
+
+def free_cells(session: Session) -> int:
+    grid = snapshot(session)
+    return 0 if grid is None else int(grid.count(MapClass.GRASS))
+
+
+MODES: list[dict[str, Any]] = [{}, {"grid": {"mode": "evidence"}}, {"geometry": {"enabled": True}}]
+
+
+@pytest.mark.parametrize("settings", MODES, ids=["paper", "evidence", "geometry"])
+def test_the_map_is_that_of_the_frames_one_by_one(settings: dict[str, Any]) -> None:
+    robot = one_robot(settings)
+    xs_m = [0.1 * i for i in range(8)]
+    robot.run(xs_m)
+    session, config = robot.session, parameters(settings).config
+    poses = [drive.base_at(x) @ robot.rig.T_base_camera("camera") for x in xs_m]
+    frames = [
+        replace(drive.view(robot.rig, "camera", x, i), stamp_ns=START_NS + i * PERIOD_NS, T_map_camera=pose)
+        for i, (x, pose) in enumerate(zip(xs_m, poses, strict=True))
+    ]
+    expected = offline_map(frames, config)
+    grid = session.engine.snapshot(None)
+    assert grid is not None
+    assert expected.map is not None
+    np.testing.assert_array_equal(grid.classes, expected.map.classes)
+    assert grid.spec == expected.map.spec
+    costs, offline = session.engine.costmap(grid), expected.costmap()
+    assert costs is not None
+    assert offline is not None
+    np.testing.assert_array_equal(costs.costs, offline.costs)
+    assert (session.engine.snapshot(None).classes == MapClass.OBSTACLE).any()  # type: ignore[union-attr]
+
+
+def test_poses_by_tf_give_the_map_that_odometry_gives() -> None:
+    by_odometry = one_robot()
+    by_odometry.run([0.0, 0.1, 0.2])
+    rig = drive.rig_of(ONE)
+    by_tf = Robot(session_of(parameters({"source": {}}), rig), rig)
+    mount = rig.T_base_camera("camera")
+    static = [Pose(drive.BASE, drive.optical("camera"), mount.matrix)]
+    by_tf.session.on_tf(drive.transforms(static, 0), True, START_NS)
+    for i, x_m in enumerate([0.0, 0.1, 0.2]):
+        by_tf.now_ns = START_NS + i * PERIOD_NS + LATENCY_NS
+        by_tf.session.on_tf(
+            drive.transforms([drive.base_at(x_m)], START_NS + i * PERIOD_NS), False, by_tf.now_ns
+        )
+        by_tf.step(i, x_m, posed=False)
+    one, two = snapshot(by_odometry.session), snapshot(by_tf.session)
+    np.testing.assert_array_equal(one.classes, two.classes)
+
+
+def test_a_pose_between_two_is_interpolated_at_the_image_stamp() -> None:
+    robot = one_robot()
+    stamp_ns = START_NS + 40 * MS
+    robot.now_ns = stamp_ns + LATENCY_NS
+    robot.pose(0.0, START_NS)
+    robot.look("camera", drive.view(robot.rig, "camera", 0.4), stamp_ns)
+    robot.work()
+    assert robot.frames == []  # it waits: the newest pose is not that of the image
+    robot.pose(1.0, START_NS + 100 * MS)
+    robot.work()
+    pose = robot.frames[0].T_map_camera
+    assert pose is not None
+    expected = drive.base_at(0.4) @ robot.rig.T_base_camera("camera")
+    np.testing.assert_allclose(pose.matrix, expected.matrix, atol=1e-12)
+
+
+class Sealed:
+    """A message of which only the header may be read."""
+
+    def __init__(self, message: Any) -> None:
+        self.header = message.header
+
+    def __getattr__(self, name: str) -> Any:
+        raise AssertionError(f"somebody reads {name} of an image that is not to be processed")
+
+
+def test_only_the_cameras_that_face_the_way_are_decoded() -> None:
+    rig = drive.rig_of(RIG)
+    robot = Robot(session_of(parameters(), rig), rig)
+    forward, backward = [0.1 * i for i in range(10)], [0.85 - 0.1 * i for i in range(12)]
+    for i, x_m in enumerate([*forward, *backward]):
+        stamp_ns = START_NS + i * PERIOD_NS
+        robot.now_ns = stamp_ns + LATENCY_NS
+        robot.pose(x_m, stamp_ns)
+        for name in rig.names:
+            if name in robot.session.active_names:
+                robot.look(name, drive.view(rig, name, x_m, i), stamp_ns)
+                continue
+            for kind, topic in (("color", "color/image_raw"), ("depth", "depth/image_raw")):
+                type_, fields = drive.camera_fields(drive.view(rig, name, x_m), name, stamp_ns)[topic]
+                robot.session.on_image(name, kind, Sealed(drive.message(type_, fields)), robot.now_ns)
+        robot.work()
+    facts = robot.session.facts
+    assert facts["direction"] == "backward"
+    assert facts["active"] == ["rear_left", "rear_right"]
+    mapped, dropped = facts["mapped"], facts["dropped"]
+    assert isinstance(mapped, dict)
+    assert isinstance(dropped, dict)
+    for name in rig.names:  # every frame is either mapped or dropped for the direction
+        assert mapped[name] + dropped[name] == 22
+        assert mapped[name] >= 5
+        assert dropped[name] >= 5
+    assert facts["left_out"] == {}
+    expected = offline_map([replace(f, stamp_ns=0) for f in robot.frames], parameters().config)
+    np.testing.assert_array_equal(snapshot(robot.session).classes, expected.map.classes)  # type: ignore[union-attr]
+
+
+def test_cameras_of_one_rig_have_health_of_their_own() -> None:
+    rig = drive.rig_of(RIG)
+    robot = Robot(session_of(parameters(), rig), rig)
+    robot.run([0.1 * i for i in range(10)])
+    for i in range(10, 20):  # one of the front pair falls silent, the rear pair is not listened to
+        robot.now_ns = START_NS + i * PERIOD_NS + LATENCY_NS
+        robot.pose(0.1 * i, START_NS + i * PERIOD_NS)
+        robot.look("front_left", drive.view(rig, "front_left", 0.1 * i), START_NS + i * PERIOD_NS)
+        robot.work()
+    report = robot.reports[-1]
+    assert {(d.subject, d.fault) for d in report.diagnoses} >= {("front_right", Fault.STOPPED)}
+    assert {d.subject for d in report.diagnoses} == {"front_right"}
+    assert report.stop
+    assert report.rates_hz["front_left"] > 5
+
+
+def test_a_robot_that_travels_where_no_camera_looks_says_so() -> None:
+    tree = {**RIG, "cameras": {name: RIG["cameras"][name] for name in ("front_left", "front_right")}}
+    rig = drive.rig_of(tree)
+    robot = Robot(session_of(parameters(), rig), rig)
+    robot.run([0.1 * i for i in range(8)])
+    assert not robot.reports[-1].faults("rig")
+    robot.run([0.7 - 0.1 * i for i in range(12)], start=8)
+    (diagnosis,) = robot.reports[-1].of("rig")
+    assert (diagnosis.fault, diagnosis.severity) == (Fault.BLIND, Severity.WARN)
+    assert "backward" in diagnosis.message
+    assert set(robot.session.active_names) == set(rig.names)  # better these than none
+
+
+def recovered(robot: Robot, start: int, steps: int = 30) -> HealthReport:
+    return robot.run([0.05 * i for i in range(steps)], start=start)
+
+
+def test_a_lost_pose_is_named_and_the_camera_is_not_blamed() -> None:
+    robot = one_robot()
+    assert not recovered(robot, 0).stop
+    report = robot.run([1.5 + 0.05 * i for i in range(30)], start=30, posed=False)
+    assert report.faults("pose") == {Fault.LOST_POSE}
+    assert report.faults("camera") == set()
+    assert report.stop
+    assert free_cells(robot.session) == 0  # the frames that came are of places nobody knows
+    assert robot.session.skipped["no pose of the camera at the time of the image"] > 20
+    assert not recovered(robot, 60, 40).stop
+    assert free_cells(robot.session) > 0
+
+
+@pytest.mark.parametrize(
+    ("skew_s", "fault"), [(2.0, Fault.JUMPED_AHEAD), (-0.4, Fault.JUMPED_BACK), (-5.0, Fault.JUMPED_BACK)]
+)
+def test_stamps_that_jump_are_named_whether_there_are_poses_for_them_or_not(
+    skew_s: float, fault: Fault
+) -> None:
+    robot = one_robot()
+    assert not recovered(robot, 0).stop
+    for i in range(30, 40):
+        robot.step(i, 0.05 * i, skew_ns=round(skew_s * 1e9))
+    found = set().union(*(report.faults("camera") for report in robot.reports[30:]))
+    assert fault in found
+    assert robot.reports[-1].stop
+    recovered(robot, 40, 70)
+    assert not robot.reports[-1].stop
+    assert free_cells(robot.session) > 0
+
+
+def test_while_paused_the_flag_is_stop_and_no_camera_is_blamed() -> None:
+    robot = one_robot()
+    assert not recovered(robot, 0).stop
+    robot.session.paused = True
+    assert robot.step(30, 1.5).stop  # at once
+    report = robot.run([1.5] * 30, start=31)
+    assert {(d.subject, d.fault) for d in report.diagnoses} == {("map", Fault.IDLE)}
+    assert free_cells(robot.session) == 0
+    robot.session.paused = False
+    assert robot.run([1.5 + 0.05 * i for i in range(5)], start=61).stop  # it takes recover_s to trust again
+    assert not robot.run([1.7 + 0.05 * i for i in range(30)], start=66).stop
+
+
+def test_a_network_that_fails_on_each_frame_stops_the_robot(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = one_robot()
+    assert not recovered(robot, 0).stop
+
+    def fails(_: Frame) -> Any:
+        raise InputError("out of memory")
+
+    monkeypatch.setattr(robot.session.engine, "segmenter", fails)
+    report = robot.run([1.5 + 0.05 * i for i in range(30)], start=30)
+    assert report.faults("map") == {Fault.IDLE}
+    assert report.stop
+    assert robot.session.facts["error"] == "out of memory"
+    assert free_cells(robot.session) == 0
+
+
+def test_a_damaged_image_is_left_out_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = one_robot()
+    robot.run([0.0, 0.1])
+
+    def damaged(*_: Any) -> Any:
+        raise InputError("expected 57600 bytes, got 12")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(ImageTopic, "color", damaged)
+        robot.step(2, 0.2)
+    robot.step(3, 0.3)
+    assert robot.session.skipped == {"image that cannot be used": 1}
+    assert robot.session.facts["mapped"] == {"camera": 3}
+
+
+def lawn_file(folder: Path, ring: list[list[float]]) -> Path:
+    file = folder / "lawn.geojson"
+    file.write_text(json.dumps({"type": "Polygon", "coordinates": [[*ring, ring[0]]]}))
+    return file
+
+
+def test_outside_the_work_area_the_costmap_is_lethal(tmp_path: Path) -> None:
+    pytest.importorskip("pyproj")
+    from swardmap.gps import Projection
+
+    datum = Projection(52.4, 16.9)
+    ring = datum.to_gps([(-1.0, -1.0), (3.0, -1.0), (3.0, 1.0), (-1.0, 1.0)]).tolist()
+    area = {"file": str(lawn_file(tmp_path, ring)), "datum_lat": 52.4, "datum_lon": 16.9}
+    robot = one_robot({"area": area})
+    robot.run([0.1 * i for i in range(5)])
+    grid = snapshot(robot.session)
+    costmap = robot.session.engine.costmap(grid)
+    assert costmap is not None
+    iy, ix = np.indices(grid.spec.shape)
+    x, y = np.moveaxis(grid.spec.center_of(np.stack([ix, iy], axis=-1).reshape(-1, 2)), -1, 0)
+    outside = ((x < -1) | (x > 3) | (np.abs(y) > 1)).reshape(grid.spec.shape)
+    assert (costmap.costs[outside] == LETHAL).all()
+    assert (costmap.costs[~outside] == 0).any()
+    assert (grid.classes[outside] == MapClass.GRASS).any()  # the map stays what was seen
+
+
+def test_a_work_area_in_another_frame_is_never_mapped(tmp_path: Path) -> None:
+    pytest.importorskip("pyproj")
+    ring = [[16.9, 52.4], [16.9001, 52.4], [16.9, 52.4001]]
+    area = {"file": str(lawn_file(tmp_path, ring)), "datum_lat": 52.4, "datum_lon": 16.9, "frame_id": "odom"}
+    robot = one_robot({"area": area})
+    report = robot.run([0.1 * i for i in range(15)])
+    assert "area.frame_id" in robot.session.last_error
+    assert report.stop
+    assert robot.session.engine.mapped.total() == 0
+
+
+def test_what_a_saved_map_calls_free_is_unknown_until_all_is_well(tmp_path: Path) -> None:
+    living = {"grid": {"mode": "evidence"}}
+    first = one_robot(living)
+    first.run([0.1 * i for i in range(8)])
+    saved = first.session.engine._mapper.living
+    assert saved is not None
+    write_living(saved, tmp_path / "living.npz")
+    robot = one_robot({"grid": {"mode": "evidence", "resume": str(tmp_path / "living.npz")}})
+    robot.session.check(START_NS)
+    before = snapshot(robot.session)
+    assert before.count(MapClass.GRASS) == 0
+    assert before.count(MapClass.OBSTACLE) > 0  # obstacles are remembered
+    robot.run([0.1 * i for i in range(30)])
+    assert not robot.reports[-1].stop
+    assert free_cells(robot.session) > first.session.engine.snapshot(None).count(MapClass.GRASS)  # type: ignore[union-attr]
+    robot.session.clear()
+    assert robot.session.engine.snapshot(None) is None
+
+
+def test_without_poses_each_frame_is_a_map_of_its_own() -> None:
+    rig = drive.rig_of(ONE)
+    robot = Robot(session_of(parameters({"source": {}, "mount": drive.MOUNT}, pose_source="none")), rig)
+    for i in range(30):
+        robot.step(i, 0.05 * i, posed=False)
+    report = robot.reports[-1]
+    assert not report.stop
+    frame = replace(drive.view(rig, "camera", 0.05 * 29, 9), T_map_camera=None)
+    config = parameters({"mount": drive.MOUNT}).config
+    seen = ObstacleMapper(build_segmenter(config.segmenter), config).step(frame).seen
+    np.testing.assert_array_equal(snapshot(robot.session).classes, seen.classes)
+    robot.session.check(robot.now_ns + 5_000_000_000)
+    assert free_cells(robot.session) == 0
+
+
+@pytest.mark.parametrize(
+    ("node", "source", "with_rig", "expected"),
+    [
+        ({"pose_source": "none"}, {}, False, "mount.height_m"),
+        ({"pose_source": "none"}, {}, True, "rig needs poses"),
+        ({"pose_source": "odometry"}, {}, False, "source.odometry_topic"),
+    ],
+)
+def test_contradictions_are_refused(
+    node: dict[str, Any], source: dict[str, Any], with_rig: bool, expected: str
+) -> None:
+    rig = drive.rig_of(RIG) if with_rig else None
+    with pytest.raises(ConfigError, match=expected):
+        session_of(parameters({"source": source}, **node), rig)
