@@ -1,6 +1,6 @@
 """A program of its own, with plain rclpy: asks the node for services and parameters, prints answers as JSON.
 
-python ask.py NAMESPACE '[["call", "clear"], ["set", "cloud.max_range_m", 6.0], ["state"]]'
+python -m tests.ros.ask NAMESPACE '[["call", "clear"], ["set", "cloud.max_range_m", 6.0], ["state"]]'
 """
 
 import json

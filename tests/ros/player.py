@@ -1,6 +1,6 @@
 """A program of its own, with plain rclpy: plays a recording to the node, writes down all it publishes.
 
-python player.py BAG OUT.npz NAMESPACE [--drop 0.3] [--late 0.0] [--count N]
+python -m tests.ros.player BAG OUT.npz NAMESPACE [--drop 0.3] [--late 0.0] [--count N]
 """
 
 import argparse
@@ -26,6 +26,10 @@ TYPES = {
     "sensor_msgs/msg/CameraInfo": CameraInfo,
     "nav_msgs/msg/Odometry": Odometry,
 }
+SETTLED = 10
+"""Reports in which nothing more is mapped: a second."""
+
+OF_FRAMES = ("mask", "confidence", "cloud", "obstacles")
 STAMP = struct.Struct("<iI")
 LATCHED = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
@@ -44,22 +48,46 @@ def restamped(data: bytes, shift_ns: int) -> bytes:
 class Ears:
     """Everything the node says."""
 
-    def __init__(self, node: Any) -> None:
+    def __init__(self, node: Any, cameras: list[str]) -> None:
         self.heard: dict[str, Any] = {}
         self.stops: list[tuple[float, bool]] = []
         self.health: list[dict[str, Any]] = []
         self.diagnostics = 0
         self.shift_ns = 0
-        for kind in ("mask", "confidence"):
-            node.create_subscription(Image, f"swardmap/camera/{kind}", self.image(kind), 50)
-        for kind in ("cloud", "obstacles"):
-            node.create_subscription(PointCloud2, f"swardmap/camera/{kind}", self.cloud(kind), 50)
+        for camera in cameras:
+            at = "" if camera == "camera" else f"{camera}/"
+            for kind in ("mask", "confidence"):
+                node.create_subscription(Image, f"swardmap/{camera}/{kind}", self.image(f"{at}{kind}"), 50)
+            for kind in ("cloud", "obstacles"):
+                node.create_subscription(
+                    PointCloud2, f"swardmap/{camera}/{kind}", self.cloud(f"{at}{kind}"), 50
+                )
         for kind in ("map", "costmap"):
             node.create_subscription(OccupancyGrid, f"swardmap/{kind}", self.grid(kind), LATCHED)
         node.create_subscription(Bool, "swardmap/stop", self.stop, LATCHED)
         node.create_subscription(String, "swardmap/health_json", self.say, 50)
         node.create_subscription(String, "swardmap/labels_json", self.labels, LATCHED)
         node.create_subscription(DiagnosticArray, "/diagnostics", self.diagnose, 50)
+
+    def complete(self, cameras: list[str], last_ns: int) -> bool:
+        """Whether the node is done with all that was sent, and all that it said of it has come."""
+        if len(self.health) < SETTLED:
+            return False
+        before, now = self.health[-SETTLED], self.health[-1]
+        if before["stamp_ns"] - self.shift_ns <= last_ns or before["mapped"] != now["mapped"]:
+            return False
+        for camera in cameras:
+            at = "" if camera == "camera" else f"{camera}/"
+            for kind in OF_FRAMES:
+                heard = sum(name.startswith(f"{at}{kind}/") for name in self.heard)
+                if heard != now["mapped"].get(camera, 0):
+                    return False
+        newest = max((self.newest(f"{c}/mask/") for c in cameras), default=0)
+        newest = max(newest, self.newest("mask/"))
+        return newest == 0 or {f"map/{newest}", f"costmap/{newest}"} <= set(self.heard)
+
+    def newest(self, prefix: str) -> int:
+        return max((int(n.rpartition("/")[2]) for n in self.heard if n.startswith(prefix)), default=0)
 
     def stamp(self, message: Any) -> int:
         return int(message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec - self.shift_ns)
@@ -122,21 +150,28 @@ def main() -> int:
     parser.add_argument("namespace")
     parser.add_argument("--drop", type=float, default=0.0)
     parser.add_argument("--late", type=float, default=0.0, help="poses come so long after their images")
-    parser.add_argument("--wait", type=float, default=30.0, help="so long at most for the last frame's map")
-    parser.add_argument("--linger", type=float, default=0.0, help="listen on for so long")
+    parser.add_argument("--cameras", default="camera", help="names, with commas between")
+    parser.add_argument("--wait", type=float, default=60.0, help="so long at most for all that is to come")
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--count", type=int, default=10_000)
     args = parser.parse_args()
     rclpy.init()
     node = rclpy.create_node("player", namespace=args.namespace)
-    ears = Ears(node)
+    cameras = args.cameras.split(",")
+    ears = Ears(node, cameras)
     with AnyReader([args.bag]) as reader:
         messages = [(t, c.topic, c.msgtype, bytes(data)) for c, t, data in reader.messages()]
     sends = QoSProfile(depth=50, reliability=ReliabilityPolicy.RELIABLE)
     pubs = {
         topic: node.create_publisher(TYPES[kind], topic.lstrip("/"), sends) for _, topic, kind, _ in messages
     }
-    if not until(node, lambda: ears.health and all(p.get_subscription_count() for p in pubs.values()), 60):
+    wanted = {f"{camera}/{kind}" for camera in cameras for kind in OF_FRAMES}
+
+    def ready() -> bool:
+        heard = bool(ears.health) and wanted <= set(ears.health[-1]["listened_to"])
+        return heard and all(p.get_subscription_count() for p in pubs.values())
+
+    if not until(node, ready, 60):
         sys.stderr.write("the node did not come up\n")
         return 1
     times = sorted({t for t, *_ in messages})[args.first : args.first + args.count]
@@ -158,11 +193,7 @@ def main() -> int:
     for due, topic, data in later:
         until(node, lambda due=due: time.time() >= due, 10)
         pubs[topic].publish(restamped(data, ears.shift_ns))
-    # of the last frame everything must have come, unless it was dropped or cannot be mapped
-    kinds = ("mask", "confidence", "cloud", "obstacles", "map", "costmap")
-    wanted = {f"{kind}/{max(times)}" for kind in kinds}
-    until(node, lambda: wanted <= set(ears.heard), args.wait)
-    until(node, lambda: False, max(args.linger, 0.3))
+    until(node, lambda: ears.complete(cameras, max(times)), args.wait)
     told = {"health": ears.health, "stops": ears.stops, "diagnostics": ears.diagnostics}
     np.savez(args.out, told=json.dumps(told), **ears.heard)
     node.destroy_node()

@@ -2,14 +2,8 @@
 
 import importlib.util
 import json
-import os
-import signal
-import subprocess
-import sys
-import uuid
 from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +12,8 @@ import pytest
 
 from swardmap.config import config_from_dict
 from swardmap.costmap import occupancy_from_costs
-from swardmap.geometry import Intrinsics, Pose
+from swardmap.eval.margin_file import Margin, write_margin
+from swardmap.geometry import Pose
 from swardmap.io import open_source
 from swardmap.io.map_files import read_map
 from swardmap.io.ros_fields import camera_info_fields, image_fields, odometry_fields
@@ -27,16 +22,18 @@ from swardmap.pipeline import ObstacleMapper
 from swardmap.recording import MapRun, map_recording
 from swardmap.synth.analytic import AnalyticSource, garden_scene, lane_poses
 from tests.bags import IMAGE, INFO, ODOMETRY, Event, write_bag
+from tests.ros import drive
+from tests.ros.node_process import RELIABLY, running
 
 if importlib.util.find_spec("rclpy") is None:
     pytest.skip("rclpy is not installed (pip install 'swardmap[ros]')", allow_module_level=True)
 
 pytestmark = pytest.mark.slow
 
-HERE = Path(__file__).parent
-SMALL = Intrinsics(160, 120, 115.0, 115.0, 79.5, 59.5)
-START_NS = 1_700_000_000_000_000_000
+SMALL = drive.SMALL
+START_NS = drive.START_NS
 FRAMES = 12
+SLOW_NS = 250_000_000
 OPTICAL = "camera_color_optical_frame"
 
 SETTINGS = {
@@ -44,13 +41,6 @@ SETTINGS = {
     "source": {"odometry_topic": "/odom"},
     "watchdog": {"forget_s": 600.0},
 }
-RELIABLY = {"queue_frames": 100, "image_reliability": "reliable", "image_depth": 50, "map_rate_hz": 20.0}
-
-
-def environment() -> dict[str, str]:
-    # a domain for each worker; a namespace for each test besides, since others may use this machine
-    domain = 1 + (os.getpid() % 99)
-    return os.environ | {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": str(domain)}
 
 
 def garden_events() -> Iterator[Event]:
@@ -75,60 +65,6 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def offline(bag: Path) -> MapRun:
     return map_recording(bag, config=config_from_dict(SETTINGS))
-
-
-@dataclass
-class Robot:
-    """A running node, and the programs that talk to it."""
-
-    process: "subprocess.Popen[str]"
-    namespace: str
-    folder: Path
-
-    def play(self, bag: Path, *options: str) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Arrays by name, and what was told, of all outputs while a recording was played."""
-        out = self.folder / f"{uuid.uuid4().hex}.npz"
-        command = [sys.executable, str(HERE / "player.py"), str(bag), str(out), self.namespace, *options]
-        subprocess.run(command, env=environment(), check=True, timeout=200)
-        with np.load(out, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-        return arrays, json.loads(str(arrays.pop("told")))
-
-    def ask(self, *questions: list[Any]) -> list[Any]:
-        command = [sys.executable, str(HERE / "ask.py"), self.namespace, json.dumps(questions)]
-        done = subprocess.run(
-            command, env=environment(), check=True, capture_output=True, text=True, timeout=200
-        )
-        answers: list[Any] = json.loads(done.stdout)
-        return answers
-
-
-@contextmanager
-def running(folder: Path, settings: dict[str, Any], node: dict[str, Any]) -> Iterator[Robot]:
-    """The node, started as a user starts it: `swardmap ros --params FILE`, here in a namespace."""
-    namespace = f"/t{uuid.uuid4().hex[:8]}"
-    file = folder / f"{namespace[1:]}.yaml"
-    # ROS parameters are YAML, and so is JSON
-    file.write_text(json.dumps({"/**": {"ros__parameters": node | settings}}))
-    command = [
-        sys.executable,
-        "-m",
-        "swardmap",
-        "ros",
-        "--params",
-        str(file),
-        "--",
-        "-r",
-        f"__ns:={namespace}",
-    ]
-    remapped = ["-r", "/odom:=odom"]
-    with subprocess.Popen([*command, *remapped], env=environment(), text=True, cwd=folder) as process:
-        try:
-            yield Robot(process, namespace, folder)
-        finally:
-            if process.poll() is None:
-                process.send_signal(signal.SIGINT)
-            assert process.wait(timeout=30) in (0, -signal.SIGKILL)
 
 
 def assert_same_map(heard: dict[str, Any], offline: MapRun) -> None:
@@ -184,7 +120,7 @@ def test_poses_that_come_late_are_waited_for(bag: Path, offline: MapRun, tmp_pat
 
 def test_poses_that_come_too_late_map_nothing(bag: Path, tmp_path: Path) -> None:
     with running(tmp_path, SETTINGS, RELIABLY | {"pose_wait_ms": 50.0}) as robot:
-        heard, told = robot.play(bag, "--late", "0.6", "--count", "4", "--wait", "2")
+        heard, told = robot.play(bag, "--late", "0.6", "--count", "4")
     assert not told["health"][-1]["mapped"]
     assert told["health"][-1]["left_out"] == {"no pose of the camera at the time of the image": 4}
     assert told["health"][-1]["stop"]
@@ -193,7 +129,7 @@ def test_poses_that_come_too_late_map_nothing(bag: Path, tmp_path: Path) -> None
 
 def test_with_30_percent_lost_nothing_is_free_that_is_not(bag: Path, offline: MapRun, tmp_path: Path) -> None:
     with running(tmp_path, SETTINGS, RELIABLY) as robot:
-        heard, told = robot.play(bag, "--drop", "0.3", "--wait", "3")
+        heard, told = robot.play(bag, "--drop", "0.3")
     last = told["health"][-1]
     assert 0 < last["mapped"]["camera"] < FRAMES
     assert sum(last["left_out"].values()) > 0
@@ -212,24 +148,70 @@ def test_with_30_percent_lost_nothing_is_free_that_is_not(bag: Path, offline: Ma
 def test_a_killed_node_comes_back(bag: Path, offline: MapRun, tmp_path: Path) -> None:
     with running(tmp_path, SETTINGS, RELIABLY) as robot:
         robot.play(bag, "--count", "5")
-        robot.process.kill()
-        robot.process.wait(timeout=30)
+        robot.kill()
     with running(tmp_path, SETTINGS, RELIABLY) as again:
-        heard, _ = again.play(bag)
+        heard, told = again.play(bag)
+    assert told["stops"][0][1]  # it begins with stop
     assert_same_map(heard, offline)
 
 
-def test_silence_turns_free_space_unknown_and_sets_the_flag(bag: Path, tmp_path: Path) -> None:
-    settings = SETTINGS | {"watchdog": {"forget_s": 1.0, "recover_s": 0.2, "stale_s": 2.0}}
-    with running(tmp_path, settings, RELIABLY) as robot:
-        heard, told = robot.play(bag, "--linger", "4.0")
-    after = heard["map_last"]
-    assert (heard["map_most"] == 0).sum() > 1000
-    assert (after == 0).sum() == 0  # no stale free space
-    assert (after == 100).sum() > 50  # what stood there is still given
-    assert any(not stop for _, stop in told["stops"])  # it had been free to go
-    assert told["stops"][-1][1]
-    assert {"stopped"} <= {f["fault"] for f in told["health"][-1]["faults"]}
+def test_of_a_rig_the_pair_that_faces_the_way_makes_one_map(tmp_path: Path) -> None:
+    rig_file = tmp_path / "rig.yaml"
+    rig_file.write_text(json.dumps(drive.RIG))
+    rig = drive.rig_of(drive.RIG)
+    forward, backward = [0.1 * i for i in range(8)], [0.65 - 0.1 * i for i in range(14)]
+    # slowly, so that a busy machine does not hear of the turn before it has seen the images before it
+    events = drive.drive_events(rig, [*forward, *backward], SLOW_NS)
+    bag = write_bag(tmp_path, "mcap", events)
+    # an obstacle is never cleared here, so that the order in which cameras are mapped does not matter
+    grid: dict[str, Any] = {"obstacle_clear_frames": 255, "person_clear_frames": 255}
+    grid |= {"origin_m": [-13.0, -13.0], "size_m": [26.0, 26.0]}  # a map that grows does so in that order
+    settings = SETTINGS | {"grid": grid}
+    with running(tmp_path, settings, RELIABLY | {"rig_file": str(rig_file)}) as robot:
+        heard, told = robot.play(bag, "--cameras", ",".join(rig.names))
+    last = told["health"][-1]
+    assert last["direction"] == "backward"
+    assert last["active"] == ["rear_left", "rear_right"]
+    assert set(last["rates_hz"]) == set(rig.names)
+    mapper = ObstacleMapper(build_segmenter(config_from_dict(settings).segmenter), config_from_dict(settings))
+    for name in rig.names:
+        stamps = sorted(int(key.split("/")[2]) for key in heard if key.startswith(f"{name}/mask/"))
+        assert len(stamps) == last["mapped"][name] >= 3
+        assert last["dropped"][name] >= 3
+        assert len(stamps) + last["dropped"][name] >= 20  # of 22; some may wait when the direction changes
+        for stamp in stamps:
+            i = (stamp - START_NS) // SLOW_NS
+            x_m = [*forward, *backward][i]
+            T = drive.base_at(x_m) @ rig.T_base_camera(name)
+            mapper.step(replace(drive.view(rig, name, x_m, i), stamp_ns=0, T_map_camera=T))
+    assert mapper.map is not None
+    np.testing.assert_array_equal(heard["map_last"], mapper.map.nav_values)
+
+
+def test_work_area_margin_geometry_and_evidence_give_the_costs_of_the_recording(
+    bag: Path, tmp_path: Path
+) -> None:
+    pytest.importorskip("pyproj")
+    from swardmap.gps import Projection
+
+    ring = Projection(52.4, 16.9).to_gps([(-1, -1.5), (4, -1.5), (4, 1.5), (-1, 1.5)]).tolist()
+    lawn, margin = tmp_path / "lawn.geojson", tmp_path / "margin.yaml"
+    lawn.write_text(json.dumps({"type": "Polygon", "coordinates": [[*ring, ring[0]]]}))
+    write_margin(margin, Margin(0.21, 0.34), "Measured.")
+    settings = SETTINGS | {
+        "area": {"file": str(lawn), "datum_lat": 52.4, "datum_lon": 16.9},
+        "grid": {"mode": "evidence"},
+        "geometry": {"enabled": True},
+    }
+    costs = {"margin_m": 0.21, "person_margin_m": 0.34}
+    expected = map_recording(bag, config=config_from_dict(settings | {"costmap": costs}))
+    with running(tmp_path, settings, RELIABLY | {"margin_file": str(margin)}) as robot:
+        heard, _ = robot.play(bag)
+        assert robot.ask(["get", "costmap.margin_m"], ["get", "costmap.person_margin_m"]) == [0.21, 0.34]
+        (refused,) = robot.ask(["set", "margin_file", "other.yaml"])
+    assert_same_map(heard, expected)
+    assert not refused[0]
+    assert "costmap.margin_m" in refused[1]
 
 
 def test_parameters_services_and_states(bag: Path, tmp_path: Path) -> None:
@@ -259,7 +241,7 @@ def test_parameters_services_and_states(bag: Path, tmp_path: Path) -> None:
         assert not no_map[0]
         assert "no map yet" in no_map[1]
         assert paused[0]
-        _, told = robot.play(bag, "--count", "3", "--wait", "2")
+        _, told = robot.play(bag, "--count", "3")
         assert told["health"][-1]["stop"]
         assert told["health"][-1]["left_out"]["image while the node was paused"] == 3
         # 4: deactivate, 2: cleanup, 1: configure, 3: activate

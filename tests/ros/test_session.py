@@ -369,8 +369,22 @@ def test_what_a_saved_map_calls_free_is_unknown_until_all_is_well(tmp_path: Path
     robot.run([0.1 * i for i in range(30)])
     assert not robot.reports[-1].stop
     assert free_cells(robot.session) > first.session.engine.snapshot(None).count(MapClass.GRASS)  # type: ignore[union-attr]
+
+
+def test_a_map_that_was_cleared_is_given_out_as_unknown_until_there_is_another() -> None:
+    """Who holds the old one must not go on by it."""
+    robot = one_robot()
+    assert snapshot(robot.session) is None
+    robot.run([0.05 * i for i in range(30)])
+    before = snapshot(robot.session)
     robot.session.clear()
-    assert robot.session.engine.snapshot(None) is None
+    after = snapshot(robot.session)
+    assert after.spec == before.spec
+    assert (after.classes == MapClass.UNKNOWN).all()
+    with pytest.raises(InputError, match="no map yet"):
+        robot.session.engine.save(Path("nowhere"))
+    robot.run([1.5 + 0.05 * i for i in range(3)], start=30)
+    assert free_cells(robot.session) > 0
 
 
 def test_without_poses_each_frame_is_a_map_of_its_own() -> None:

@@ -16,7 +16,7 @@ from swardmap.costmap import Costmap
 from swardmap.errors import InputError
 from swardmap.freshness import Freshness
 from swardmap.geometry import Pose
-from swardmap.grid import OccupancyGrid
+from swardmap.grid import GridSpec, OccupancyGrid
 from swardmap.health import Diagnosis, HealthReport, frame_stats
 from swardmap.labels import LabelSet
 from swardmap.living import LivingMap
@@ -78,6 +78,7 @@ class Engine:
         self._alone: OccupancyGrid | None
         self._newest_ns: int
         self._version = 0
+        self._cleared: GridSpec | None = None
         self._begin(living)
 
     def map_frame(self, camera: str, frame: Frame, arrival_ns: int) -> StepResult | None:
@@ -141,14 +142,17 @@ class Engine:
     def snapshot(self, forget_before_ns: int | None) -> OccupancyGrid | None:
         """The map now, with every free cell that was last seen before a time as unknown; None if empty.
 
-        Without poses: the map of the newest frame alone, or all unknown if that is older.
+        Without poses: the map of the newest frame alone, or all unknown if that is older. A map that was
+        cleared is all unknown where it was: who has been given the old one must not go on by it.
         """
         with self._map_lock:
+            grid = self._alone if self._alone is not None else self._mapper.map
+            if grid is None:
+                return None if self._cleared is None else OccupancyGrid.unknown(self._cleared)
             if self._alone is not None:
-                stale = forget_before_ns is not None and self._alone.stamp_ns < forget_before_ns
-                return OccupancyGrid.unknown(self._alone.spec) if stale else self._alone
-            grid = self._mapper.map
-            if grid is None or self._freshness is None:
+                stale = forget_before_ns is not None and grid.stamp_ns < forget_before_ns
+                return OccupancyGrid.unknown(grid.spec) if stale else grid
+            if self._freshness is None:
                 return grid
             return self._freshness.forget_stale(grid, forget_before_ns)
 
@@ -164,6 +168,8 @@ class Engine:
     def clear(self) -> None:
         """Forget the map: all is unknown."""
         with self._map_lock:
+            grid = self._alone if self._alone is not None else self._mapper.map
+            self._cleared = self._cleared if grid is None else grid.spec
             self._begin()
 
     def save(self, folder: Path) -> None:
@@ -177,7 +183,7 @@ class Engine:
         from swardmap.io.run_files import RunWriter
 
         grid = self.snapshot(None)
-        if grid is None:
+        if grid is None or not self._newest_ns:
             raise InputError("there is no map yet: no frame with a pose was mapped")
         summary = {"frames": dict(self.mapped), "left_out": dict(self.left_out), "stamp_ns": grid.stamp_ns}
         plain = replace(self.config, output=replace(self.config.output, pictures=0))

@@ -17,18 +17,22 @@ from swardmap.ros.outputs import Outputs
 from swardmap.ros.parameters import Declaration, Parameters, changed, declarations, parameters_from
 from swardmap.ros.session import Session
 from swardmap.ros.topics import find_types, image_qos, latched_qos
+from swardmap.ros.warm_up import warm_up
 
 CHECKS_HZ = 10.0
 """How often the watchdog is asked, and the stop flag published."""
 
 WORKER_WAITS_S = 0.2
 
+LAST_WORD_S = 1.0
+"""So long at most the node waits, when it stops, until each of its last words has been heard."""
+
 
 class RobotNode:
     """One node: unconfigured, inactive, active, as Nav2's own.
 
     Configured, it has subscriptions, publishers and a loaded network; active, it maps and publishes.
-    Deactivated it forgets the map, and the last it says is: stop, all unknown.
+    Deactivated it forgets the map, and the last it says is: stop, nothing is free.
 
     Args:
         defaults: what parameters are unless ROS says otherwise.
@@ -143,6 +147,7 @@ class RobotNode:
         rig = None if node.rig_file is None else read_rig(node.rig_file)
         segmenter = build_segmenter(self.parameters.config.segmenter)
         session = Session(self.parameters, segmenter, rig)
+        warm_up(session.engine.config, segmenter)
         self._outputs = Outputs(self.node, self._types, session.inputs, segmenter.label_set, node.image_depth)
         self.session = session
         try:
@@ -189,7 +194,8 @@ class RobotNode:
             return
         session.fail("the node is not active")
         self._check()
-        self._publish_map(session, outputs, all_unknown=True)
+        self._publish_map(session, outputs, nothing_free=True)
+        outputs.wait_until_heard(LAST_WORD_S)
         session.failure = ""
         session.clear()
 
@@ -317,9 +323,9 @@ class RobotNode:
             self._publish_map(session, outputs)
             time.sleep(1 / session.parameters.node.map_rate_hz)
 
-    def _publish_map(self, session: Session, outputs: Outputs, all_unknown: bool = False) -> None:
+    def _publish_map(self, session: Session, outputs: Outputs, nothing_free: bool = False) -> None:
         report = session.report
-        forget_ns = 2**62 if all_unknown else None if report is None else report.forget_before_ns
+        forget_ns = 2**62 if nothing_free else None if report is None else report.forget_before_ns
         grid = session.engine.snapshot(forget_ns)
         if grid is not None:
             costmap = session.engine.costmap(grid)

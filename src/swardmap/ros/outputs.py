@@ -104,6 +104,18 @@ class Outputs:
             self._diagnostics = node.create_publisher(types["diagnostics"], "/diagnostics", 10)
         self._publish_labels(label_set)
 
+    @property
+    def listened_to(self) -> list[str]:
+        """Outputs of frames that somebody listens to, such as `camera/mask`; the others are not computed."""
+        return [f"{camera}/{kind}" for camera, kind in self._of_camera if self._heard(camera, kind)]
+
+    def wait_until_heard(self, seconds: float) -> None:
+        """Wait until who listens has flag and maps: a publisher that goes takes its last word along."""
+        from rclpy.duration import Duration
+
+        for publisher in (self._stop, *self._map.publishers, *self._costmap.publishers):
+            publisher.wait_for_all_acked(Duration(seconds=seconds))
+
     def destroy(self) -> None:
         """Take all publishers back."""
         grids = [*self._map.publishers, *self._costmap.publishers]
@@ -143,7 +155,7 @@ class Outputs:
         """Stop flag, diagnoses and latency."""
         self._stop.publish(self._bool(data=report.stop))
         latency = report.latency
-        numbers: dict[str, object] = dict(facts)
+        numbers: dict[str, object] = dict(facts) | {"listened_to": self.listened_to}
         if latency is not None:
             numbers |= {"latency_p50_ms": latency.p50_ms, "latency_p99_ms": latency.p99_ms}
         faults = [

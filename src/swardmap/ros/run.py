@@ -14,7 +14,7 @@ WAITS_S = 0.2
 
 
 def run_node(defaults: Parameters | None = None, arguments: Sequence[str] = ()) -> None:
-    """Run the node until Ctrl-C, SIGTERM or a shutdown of ROS; the last it says is stop, all unknown.
+    """Run the node until Ctrl-C, SIGTERM or a shutdown of ROS; the last it says is stop, nothing free.
 
     Args:
         defaults: what parameters are unless ROS says otherwise.

@@ -48,6 +48,7 @@ REASON_VIEW = "no transform between colour and depth camera"
 REASON_DAMAGED = "image that cannot be used"
 REASON_WAITING = "image that waited for its pose when too many did"
 REASON_QUEUE = "frame dropped by a full queue, the oldest first"
+REASON_TURNED = "image that waited for its pose when the robot turned round"
 REASON_PAUSED = "image while the node was paused"
 
 
@@ -185,6 +186,7 @@ class Session:
         for pair in waiting:
             overdue = now_ns - pair.arrival_ns >= wait_ns
             if pair.camera not in self.active_names:
+                self._skipped[REASON_TURNED] += 1
                 continue
             T_map_camera = self._pose_of(pair, overdue)
             if T_map_camera is None and self.posed:
