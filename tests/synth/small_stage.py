@@ -10,7 +10,7 @@ from swardmap.geometry import Intrinsics, Pose, mount_pose
 from swardmap.labels import OTHER, PERSON, VOID_ID
 from swardmap.synth import analytic
 from swardmap.synth.config import RigConfig, SynthConfig
-from swardmap.synth.model import Garden, Ground, Light, Model, Thing, View
+from swardmap.synth.model import Float32Array, Garden, Ground, Light, Model, Thing, View
 from swardmap.synth.shapes import box, placed
 from swardmap.synth.stage import Drive, Stage
 
@@ -76,6 +76,11 @@ class SmallStage:
             which[(alone.labels == solid.label.id) & (alone.depth == frame.depth)] = k + 1
         radiance = (frame.rgb.astype(np.float32) / 255) ** 2.2 * np.float32(light.sun[0])
         return View(radiance.astype(np.float32), np.asarray(frame.depth, np.float32), labels, which)
+
+    def radiance(self, garden: Garden, light: Light, intrinsics: Intrinsics, T_map_camera: Pose, stamp_ns: int
+                 ) -> Float32Array:  # fmt: skip
+        """Of the view."""
+        return self.view(garden, light, intrinsics, T_map_camera, stamp_ns).radiance
 
 
 def _solid(thing: Thing) -> analytic.Box:

@@ -118,6 +118,7 @@ def make_source(
         config.stereo,
         light_key,
         {"scene": f"{scene:04d}", "illumination": illumination, "sequence": f"{scene:04d}-{illumination}"},
+        stage.radiance,
     )
 
 

@@ -17,6 +17,8 @@ from swardmap.types import Frame
 
 ViewOf = Callable[[Garden, Light, Intrinsics, Pose, int], View]
 """What an ideal camera sees of a garden in a light, from a pose, at a time."""
+RadianceOf = Callable[[Garden, Light, Intrinsics, Pose, int], NDArray[np.float32]]
+"""Its colours alone."""
 
 MAX_DEPTH_MM = 65535
 
@@ -51,6 +53,7 @@ class GardenSource:
         camera, stereo: settings; the strengths are drawn from `seed`, once a sequence.
         seed: whole numbers; frame i draws from (*seed, i).
         tags: of all frames.
+        radiance_of: draws what is averaged to motion blur; None = `view_of`.
     """
 
     garden: Garden
@@ -62,6 +65,7 @@ class GardenSource:
     stereo: StereoConfig
     seed: tuple[int, ...] = (0,)
     tags: Mapping[str, str] | None = None
+    radiance_of: RadianceOf | None = None
 
     def __post_init__(self) -> None:
         stamps = [stamp_ns for stamp_ns, _ in self.run]
@@ -146,11 +150,13 @@ class GardenSource:
         for k in range(1, steps):
             offset = (k + 1) // 2 * (1 if k % 2 else -1) / steps
             stamp_ns, T_map_camera = pose_near(self.run, index, offset * shutter_s)
-            total = (
-                total
-                + self.view_of(self.garden, self.light, self.intrinsics, T_map_camera, stamp_ns).radiance
-            )
+            total = total + self._radiance(T_map_camera, stamp_ns)
         return total / np.float32(steps)
+
+    def _radiance(self, T_map_camera: Pose, stamp_ns: int) -> NDArray[np.float32]:
+        if self.radiance_of is None:
+            return self.view_of(self.garden, self.light, self.intrinsics, T_map_camera, stamp_ns).radiance
+        return self.radiance_of(self.garden, self.light, self.intrinsics, T_map_camera, stamp_ns)
 
 
 def pose_near(run: Sequence[tuple[int, Pose]], index: int, offset_s: float) -> tuple[int, Pose]:

@@ -1,13 +1,16 @@
 """What is needed to film gardens: who builds them, lights them, drives through them and draws them."""
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from swardmap.geometry import Intrinsics, Pose
 from swardmap.synth.config import RigConfig, SynthConfig
-from swardmap.synth.model import Garden, Light, View
+from swardmap.synth.model import Float32Array, Garden, Light, View
+
+if TYPE_CHECKING:
+    from swardmap.synth.render import GardenRenderer
 
 Drive = tuple[Intrinsics, Sequence[tuple[int, Pose]]]
 """A camera, and time and pose T_map_camera of each frame."""
@@ -34,6 +37,11 @@ class Stage(Protocol):
     ) -> View:
         """What an ideal camera sees."""
 
+    def radiance(
+        self, garden: Garden, light: Light, intrinsics: Intrinsics, T_map_camera: Pose, stamp_ns: int
+    ) -> Float32Array:
+        """Its colours alone, perhaps coarser: several are averaged to a picture with motion blur."""
+
 
 class GardenStage:
     """The gardens of the package, drawn by OpenGL.
@@ -52,12 +60,12 @@ class GardenStage:
         require("moderngl", "synth")
         self._config = config
         self._assets = open_assets() if config.scene.assets else None
-        self._renderer: Any = None
+        self._renderer: GardenRenderer | None = None
 
     @property
     def facts(self) -> dict[str, str]:
         """Digest of the assets, and the driver once it has drawn."""
-        driver = "" if self._renderer is None else str(getattr(self._renderer, "driver", ""))
+        driver = "" if self._renderer is None else self._renderer.driver
         return {"assets": "none" if self._assets is None else self._assets.digest, "driver": driver}
 
     def garden(self, seed: int) -> Garden:
@@ -83,13 +91,22 @@ class GardenStage:
         self, garden: Garden, light: Light, intrinsics: Intrinsics, T_map_camera: Pose, stamp_ns: int
     ) -> View:
         """See `GardenRenderer.render`."""
+        return self._drawn_by.render(garden, light, intrinsics, T_map_camera, stamp_ns)
+
+    def radiance(
+        self, garden: Garden, light: Light, intrinsics: Intrinsics, T_map_camera: Pose, stamp_ns: int
+    ) -> Float32Array:
+        """See `GardenRenderer.radiance`."""
+        return self._drawn_by.radiance(garden, light, intrinsics, T_map_camera, stamp_ns)
+
+    @property
+    def _drawn_by(self) -> "GardenRenderer":
         if self._renderer is None:
             from swardmap.synth.render import GardenRenderer
 
             rig = self._config.rig
             self._renderer = GardenRenderer(rig.width, rig.height, rig.samples, self._assets)
-        view: View = self._renderer.render(garden, light, intrinsics, T_map_camera, stamp_ns)
-        return view
+        return self._renderer
 
 
 def garden_stage(config: SynthConfig) -> Stage:

@@ -62,7 +62,7 @@ def program_of(context: Context, vertex: str, fragment: str, *defines: str) -> P
         context: for which.
         vertex: name of the shader, such as thing.
         fragment: of the other.
-        defines: which outputs: RADIANCE, TRUTH; COVERAGE for holes as soft as the samples allow.
+        defines: which outputs: RADIANCE, TRUTH or both.
     """
     head = ["#version 330", *(f"#define {name}" for name in defines)]
     head += [f"#define GRASS {GRASS.id}u", f"#define OTHER {OTHER.id}u", ""]

@@ -11,8 +11,8 @@ from swardmap.synth.model import Float32Array, Surface
 from swardmap.synth.render.context import Context
 
 SIZE = 512
-LARGEST = 4.0
-"""Factors are stored as the square root of their share of this."""
+LARGEST = 3.0
+"""Factors are stored as their share of this."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,7 +37,7 @@ def details_of(context: Context, assets: Assets | None, seed: int) -> Details:
         seed: chooses among photos of a kind.
     """
     pairs = [_detail(surface, assets, np.random.default_rng([seed, 61, int(surface)])) for surface in Surface]
-    layers = [np.rint(np.sqrt(np.clip(factor / LARGEST, 0, 1)) * 255).astype(np.uint8) for factor, _ in pairs]
+    layers = [np.rint(np.clip(factor / LARGEST, 0, 1) * 255).astype(np.uint8) for factor, _ in pairs]
     alpha = np.full((SIZE, SIZE, 1), 255, np.uint8)
     data = b"".join(np.concatenate([layer, alpha], axis=2).tobytes() for layer in layers)
     texture = context.texture_array((SIZE, SIZE, len(layers)), 4, data)

@@ -9,11 +9,12 @@ from swardmap.synth.model import Ground
 from swardmap.synth.render.camera import Camera
 from swardmap.synth.render.context import Context, Program, set_uniforms
 from swardmap.synth.render.detail import Details
+from swardmap.synth.render.textures import SRGB8_ALPHA8, srgba_of
 
 Int32Array = NDArray[np.int32]
 
 TILE = 32
-STEPS = ((5.0, 1), (10.0, 2), (22.0, 4), (np.inf, 8))
+STEPS = ((4.0, 2), (9.0, 4), (np.inf, 8))
 """Up to this distance (m), every how many texels there is a vertex."""
 PLAIN_M = 90.0
 NEAREST, LINEAR, MIPMAP = 0x2600, 0x2601, 0x2703
@@ -83,11 +84,12 @@ class GroundPart:
         self._height = self._raster(ground.height_m, 1, "f4", NEAREST)
         self._lawn = self._raster(ground.lawn_m, 1, "f4", NEAREST)
         self._surface = self._raster(ground.surface, 1, "u1", NEAREST)
-        root = np.rint(np.sqrt(np.clip(ground.albedo, 0, 1)) * 255).astype(np.uint8)
-        rgba = np.concatenate([root, np.full((ny, nx, 1), 255, np.uint8)], axis=2)
-        self._albedo = self._raster(rgba, 4, "f1", LINEAR)
+        self._albedo = context.texture(
+            (nx, ny), 4, srgba_of(ground.albedo).tobytes(), internal_format=SRGB8_ALPHA8
+        )
         self._albedo.build_mipmaps()
         self._albedo.filter = (MIPMAP, LINEAR)
+        self._albedo.repeat_x = self._albedo.repeat_y = False
         self._details = details
         lawn = ground.lawn_m > 0
         self.lawn_color: NDArray[np.float32] = (

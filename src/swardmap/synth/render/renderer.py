@@ -22,6 +22,7 @@ UNITS = {
     "picture": 0, "shadow_near": 1, "shadow_far": 2, "height_map": 3, "lawn_map": 4, "surface_map": 5,
     "albedo_map": 6, "details": 7,
 }  # fmt: skip
+FINISH_UNITS = {"picture": 8, "depth_map": 9}
 RASTERS = ("height_map", "lawn_map", "surface_map", "albedo_map", "details")
 
 
@@ -62,18 +63,15 @@ class GardenRenderer:
             )
         self._context = open_context()
         self.driver = driver_of(self._context)
-        self._size, self._assets, self._blades = (width, height), assets, blades
+        self._assets, self._blades = assets, blades
         with self._context:
             self._targets = Targets(self._context, width, height, samples)
             self._frame = self._context.buffer(reserve=512)
             self._store = ThingStore(self._context)
             self._shadows = Shadows(self._context)
-            soft = ("COVERAGE",) if self._targets.multi > 1 else ()
-            self._radiance = self._programs("RADIANCE", *soft)
-            self._truth = self._programs("TRUTH")
-            self._sky = program_of(self._context, "screen", "sky", "RADIANCE")
+            self._programs: dict[tuple[str, ...], dict[str, Any]] = {}
             self._finish = program_of(self._context, "screen", "finish")
-            self._screens = [self._context.vertex_array(p, []) for p in (self._sky, self._finish)]
+            self._finish_array = self._context.vertex_array(self._finish, [])
         self._scene: _Scene | None = None
 
     def render(
@@ -91,28 +89,55 @@ class GardenRenderer:
         Raises:
             InvalidValueError: for intrinsics of another size.
         """
-        if (intrinsics.width, intrinsics.height) != self._size:
-            raise InvalidValueError(
-                f"renderer: expected intrinsics of {self._size[0]} x {self._size[1]}, "
-                f"got {intrinsics.width} x {intrinsics.height}"
-            )
         with self._context:
-            scene = self._scene_of(garden)
-            moving = Placed.of([actor.at(stamp_ns) for actor in garden.actors], len(garden.things))
-            camera = Camera.of(intrinsics, T_map_camera)
-            self._begin(scene, light, camera, moving)
-            seen = scene.still.seen_by(camera) + moving.seen_by(camera)
-            self._draw_truth(scene, camera, seen)
-            self._draw_radiance(scene, camera, seen)
-            view = View(self._targets.radiance(), *self._read_truth())
-            self._forget(scene, moving)
-        return view
+            scene, camera, seen = self._begin(garden, light, intrinsics, T_map_camera, stamp_ns)
+            self._draw(scene, camera, seen, "TRUTH")
+            self._draw(scene, camera, seen, "RADIANCE")
+            self._finished(self._targets.samples)
+            return View(self._targets.radiance(), *self._targets.exact())
 
-    def _programs(self, *defines: str) -> dict[str, Any]:
-        found = {name: program_of(self._context, name, name, *defines) for name in SURFACES}
-        for program in found.values():
-            set_uniforms(program, **UNITS)
-        return found
+    def radiance(
+        self, garden: Garden, light: Light, intrinsics: Intrinsics, T_map_camera: Pose, stamp_ns: int
+    ) -> Float32Array:
+        """Only the colours of `render`, with one sample a pixel: cheaper, for pictures that are averaged.
+
+        Returns:
+            H x W x 3, float32, linear RGB.
+        """
+        with self._context:
+            scene, camera, seen = self._begin(garden, light, intrinsics, T_map_camera, stamp_ns, scale=1)
+            self._draw(scene, camera, seen, "RADIANCE", "TRUTH")
+            self._finished(self._targets.plain)
+            return self._targets.radiance()
+
+    def close(self) -> None:
+        """Give back all memory; the renderer cannot be used any more."""
+        self._scene = None
+        self._context.release()
+
+    def _begin(
+        self, garden: Garden, light: Light, intrinsics: Intrinsics, T_map_camera: Pose, stamp_ns: int,
+        scale: int = 0,
+    ) -> tuple[_Scene, Camera, list[tuple[int, Thing]]]:  # fmt: skip
+        """Upload what is new, draw shadow maps, tell shaders of the frame; return what the camera may see."""
+        if (intrinsics.width, intrinsics.height) != self._targets.size:
+            w, h = self._targets.size
+            raise InvalidValueError(
+                f"renderer: expected intrinsics of {w} x {h}, got {intrinsics.width} x {intrinsics.height}"
+            )
+        scene, camera = self._scene_of(garden), Camera.of(intrinsics, T_map_camera)
+        moving = Placed.of([actor.at(stamp_ns) for actor in garden.actors], len(garden.things))
+        if moving.things:  # drop the shapes of those who have moved on
+            self._store.keep_only(t.model for t in (*garden.things, *(thing for _, thing in moving.things)))
+            self._context.gc()
+        self._shadows.update(id(scene), light, camera, garden.lot_m, scene.still, moving, self._store)
+        block = frame_block(
+            camera, light, self._shadows.matrices, self._shadows.softness(light),
+            scale or self._targets.scale, scene.phase,
+        )  # fmt: skip
+        self._frame.write(block)
+        self._frame.bind_to_uniform_block(0)
+        return scene, camera, scene.still.seen_by(camera) + moving.seen_by(camera)
 
     def _scene_of(self, garden: Garden) -> _Scene:
         if self._scene is None or self._scene.garden is not garden:
@@ -122,60 +147,40 @@ class GardenRenderer:
             self._scene = _Scene(self._context, garden, self._assets, self._blades)
         return self._scene
 
-    def _forget(self, scene: _Scene, moving: Placed) -> None:
-        """Drop the shapes of those who have moved on."""
-        if moving.things:
-            things = [*scene.garden.things, *(thing for _, thing in moving.things)]
-            self._store.keep_only(thing.model for thing in things)
-            self._context.gc()
-
-    def _begin(self, scene: _Scene, light: Light, camera: Camera, moving: Placed) -> None:
-        self._shadows.update(id(scene), light, camera, scene.garden.lot_m, scene.still, moving, self._store)
-        block = frame_block(
-            camera, light, self._shadows.matrices, self._shadows.softness(light), self._targets.scale,
-            scene.phase,
-        )  # fmt: skip
-        self._frame.write(block)
-        self._frame.bind_to_uniform_block(0)
-
-    def _draw_surfaces(
-        self, programs: dict[str, Any], scene: _Scene, camera: Camera, seen: list[tuple[int, Thing]]
-    ) -> None:
+    def _draw(self, scene: _Scene, camera: Camera, seen: list[tuple[int, Thing]], *outputs: str) -> None:
+        """Draw everything; what is near first, since what it hides is not shaded."""
+        c, targets = self._context, self._targets
+        programs = self._programs_of(outputs)
+        alone = {"TRUTH": targets.truth, "RADIANCE": targets.picture}
+        target: Any = alone[outputs[0]] if len(outputs) == 1 else targets.both
+        self._shadows.use(UNITS["shadow_near"], UNITS["shadow_far"])
+        c.enable_only(c.DEPTH_TEST)
+        target.use()
+        target.clear(depth=1.0)
         self._store.draw(programs["thing"], seen, camera)
         if scene.lawn is not None:
             scene.lawn.draw(programs["blade"], camera)
         scene.ground.draw(programs["ground"], camera, {name: UNITS[name] for name in RASTERS})
+        if "sky" in programs:
+            programs["sky array"].render(vertices=3)
 
-    def _draw_truth(self, scene: _Scene, camera: Camera, seen: list[tuple[int, Thing]]) -> None:
-        c = self._context
-        c.enable_only(c.DEPTH_TEST)
-        self._targets.truth.use()
-        self._targets.truth.clear(depth=1.0)
-        self._draw_surfaces(self._truth, scene, camera, seen)
+    def _programs_of(self, outputs: tuple[str, ...]) -> dict[str, Any]:
+        if outputs not in self._programs:
+            found = {name: program_of(self._context, name, name, *outputs) for name in SURFACES}
+            if "RADIANCE" in outputs:  # the truth of the sky is what the target is cleared to
+                found["sky"] = program_of(self._context, "screen", "sky", *outputs)
+            for program in found.values():
+                set_uniforms(program, **UNITS)
+            if "sky" in found:
+                found["sky array"] = self._context.vertex_array(found["sky"], [])
+            self._programs[outputs] = found
+        return self._programs[outputs]
 
-    def _draw_radiance(self, scene: _Scene, camera: Camera, seen: list[tuple[int, Thing]]) -> None:
-        c, targets = self._context, self._targets
-        self._shadows.use(UNITS["shadow_near"], UNITS["shadow_far"])
-        targets.picture.use()
-        targets.picture.clear(depth=1.0)
-        self._store.draw(self._radiance["thing"], seen, camera, soft=targets.multi > 1)
-        if scene.lawn is not None:
-            scene.lawn.draw(self._radiance["blade"], camera)
-        scene.ground.draw(self._radiance["ground"], camera, {name: UNITS[name] for name in RASTERS})
-        c.depth_func = "<="
-        set_uniforms(self._sky, shadow_near=UNITS["shadow_near"], shadow_far=UNITS["shadow_far"])
-        self._screens[0].render(vertices=3)
-        c.depth_func = "<"
-        targets.resolve()
-        targets.finished.use()
-        c.enable_only(c.NOTHING)
-        targets.plain.use(8)
-        targets.depth.use(9)
-        set_uniforms(self._finish, picture=8, depth_map=9)
-        self._screens[1].render(vertices=3)
-
-    def _read_truth(self) -> tuple[Float32Array, Any, Any]:
-        w, h = self._size
-        depth = np.frombuffer(self._targets.depth.read(alignment=1), np.float32).reshape(h, w).copy()
-        ids = np.frombuffer(self._targets.ids.read(alignment=1), np.uint16).reshape(h, w, 2)
-        return depth, ids[..., 0].astype(np.uint8), ids[..., 1].copy()
+    def _finished(self, picture: Any) -> None:
+        """Ambient occlusion, and the mean of the samples."""
+        self._targets.finished.use()
+        self._context.enable_only(self._context.NOTHING)
+        picture.use(FINISH_UNITS["picture"])
+        self._targets.depth.use(FINISH_UNITS["depth_map"])
+        set_uniforms(self._finish, **FINISH_UNITS)
+        self._finish_array.render(vertices=3)

@@ -1,71 +1,66 @@
-"""What is drawn into: the anti-aliased picture, the truth at pixel centres, the finished picture."""
+"""What is drawn into: the picture with its samples, the truth at pixel centres, the finished picture."""
 
+import math
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swardmap.synth.model import Float32Array
 from swardmap.synth.render.context import Context
 
+NEAREST = 0x2600
 
-def sampling_of(samples: int, most: int) -> tuple[int, int]:
-    """How to take samples: multisamples of a picture element, and elements along the edge of a pixel.
 
-    Args:
-        samples: wanted for a pixel.
-        most: multisamples that the driver has.
+def scale_of(samples: int) -> int:
+    """Picture elements along the edge of a pixel: 1, 2, 3 or 4 for 1, 4, 9 or 16 samples.
+
+    Each element is shaded. Multisampling would shade less, yet on Mesa's software driver it takes longer:
+    blades of grass are smaller than a pixel, and their edges cost more than the shading.
     """
-    multi = max(m for m in (1, 2, 4, 8, 16) if m == 1 or (m <= most and m <= samples))
-    return multi, max(1, round((samples / multi) ** 0.5))
+    return max(1, round(math.sqrt(samples)))
 
 
 class Targets:
     """Framebuffers of one size.
 
     Attributes:
-        multi, scale: see `sampling_of`.
-        picture: radiance, anti-aliased.
+        scale: see `scale_of`.
+        picture: radiance, all samples.
         truth: depth and ids at pixel centres.
-        both: all of it at pixel centres, in one pass.
+        both: radiance, depth and ids at pixel centres, in one pass.
+        finished: radiance of each pixel.
     """
 
     def __init__(self, context: Context, width: int, height: int, samples: int) -> None:
-        self._context = context
-        self.multi, self.scale = sampling_of(samples, context.max_samples)
-        size, full = (width, height), (width * self.scale, height * self.scale)
-        multi = self.multi if self.multi > 1 else 0
-        self.picture: Any = context.framebuffer(
-            [context.renderbuffer(full, 4, samples=multi, dtype="f2")],
-            context.depth_renderbuffer(full, samples=multi),
-        )
-        self.plain = context.texture(size, 4, dtype="f2")
-        self.depth = context.texture(size, 1, dtype="f4")
-        self.ids = context.texture(size, 2, dtype="u2")
-        for texture in (self.plain, self.depth, self.ids):
-            nearest = 0x2600  # GL_NEAREST
-            texture.filter = (nearest, nearest)
-        self.truth: Any = context.framebuffer([self.depth, self.ids], context.depth_renderbuffer(size))
-        self.both: Any = context.framebuffer(
-            [self.plain, self.depth, self.ids], context.depth_renderbuffer(size)
-        )
-        self._resolved = context.framebuffer([self.plain])
-        self._whole = context.framebuffer([context.renderbuffer(full, 4, dtype="f2")])
-        self.result = context.texture(size, 4, dtype="f4")
-        self.finished: Any = context.framebuffer([self.result])
+        self.scale = scale_of(samples)
+        self.size = (width, height)
+        full = (width * self.scale, height * self.scale)
 
-    def resolve(self) -> None:
-        """Average the samples of `picture` into `plain`."""
-        if self.scale == 1:
-            self._context.copy_framebuffer(self._resolved, self.picture)
-            return
-        self._context.copy_framebuffer(self._whole, self.picture)
-        h, w, s = self.plain.height, self.plain.width, self.scale
-        rgba = np.frombuffer(self._whole.read(components=4, dtype="f2"), np.float16)
-        mean = rgba.reshape(h, s, w, s, 4).mean(axis=(1, 3), dtype=np.float32)
-        self.plain.write(mean.astype(np.float16).tobytes())
+        def texture(size: tuple[int, int], components: int, dtype: str) -> Any:
+            made = context.texture(size, components, dtype=dtype)
+            made.filter = (NEAREST, NEAREST)
+            return made
+
+        self.samples = texture(full, 4, "f2")
+        self.plain = texture(self.size, 4, "f2") if self.scale > 1 else self.samples
+        self.depth = texture(self.size, 1, "f4")
+        self.ids = texture(self.size, 2, "u2")
+        self._result = texture(self.size, 4, "f4")
+        own = context.depth_renderbuffer(self.size)
+        self.picture: Any = context.framebuffer([self.samples], context.depth_renderbuffer(full))
+        self.truth: Any = context.framebuffer([self.depth, self.ids], own)
+        self.both: Any = context.framebuffer([self.plain, self.depth, self.ids], own)
+        self.finished: Any = context.framebuffer([self._result])
 
     def radiance(self) -> Float32Array:
         """H x W x 3 of the finished picture."""
-        h, w = self.result.height, self.result.width
         data = self.finished.read(components=3, dtype="f4", alignment=1)
-        return np.frombuffer(data, np.float32).reshape(h, w, 3).copy()
+        return np.frombuffer(data, np.float32).reshape(*self.size[::-1], 3).copy()
+
+    def exact(self) -> tuple[Float32Array, NDArray[np.uint8], NDArray[np.uint16]]:
+        """Depth, label and thing of each pixel."""
+        w, h = self.size
+        depth = np.frombuffer(self.depth.read(alignment=1), np.float32).reshape(h, w).copy()
+        ids = np.frombuffer(self.ids.read(alignment=1), np.uint16).reshape(h, w, 2)
+        return depth, ids[..., 0].astype(np.uint8), ids[..., 1].copy()

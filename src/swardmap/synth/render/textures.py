@@ -44,6 +44,16 @@ def mipmaps(rgba: NDArray[np.uint8], cutout: bool) -> list[NDArray[np.uint8]]:
     return levels
 
 
+def srgba_of(linear: Float32Array) -> NDArray[np.uint8]:
+    """Linear RGB (H x W x 3) as sRGB of 8 bits with an alpha of 1; OpenGL averages it linear again."""
+    curve = np.linspace(0, 1, 4096, dtype=np.float32)
+    curve = np.where(curve <= 0.0031308, 12.92 * curve, 1.055 * curve ** (1 / 2.4) - 0.055)
+    table = np.rint(curve * 255).astype(np.uint8)
+    rgba = np.full((*linear.shape[:2], 4), 255, np.uint8)
+    rgba[..., :3] = table[np.rint(np.clip(linear, 0, 1) * 4095).astype(np.uint16)]
+    return rgba
+
+
 def _gain(alpha: Float32Array, solid: float) -> float:
     """What alpha is multiplied with, so that the share of solid texels is as wanted."""
     if not 0 < solid < 1:

@@ -11,8 +11,6 @@ from swardmap.synth.render.camera import Camera, columns
 from swardmap.synth.render.context import Context, Program, layout_of, set_uniforms
 from swardmap.synth.render.textures import upload
 
-ALPHA_TO_COVERAGE = 0x809E
-
 
 @dataclass(slots=True, eq=False)
 class _Uploaded:
@@ -76,35 +74,33 @@ class ThingStore:
         pictures = {_key(mesh) for mesh in meshes.values()}
         self._textures = {key: pair for key, pair in self._textures.items() if key in pictures}
 
-    def draw(
-        self, program: Program, things: Sequence[tuple[int, Thing]], camera: Camera, soft: bool = False
-    ) -> None:
-        """Draw things as the camera sees them: what is solid first, then what has holes.
+    def draw(self, program: Program, things: Sequence[tuple[int, Thing]], camera: Camera) -> None:
+        """Draw things as the camera sees them.
 
         Args:
             program: with which.
             things: number and thing.
             camera: from where.
-            soft: alpha of what has holes is coverage of the samples.
         """
-        for holed in (False, True):
-            if holed and soft:
-                self._context.enable_direct(ALPHA_TO_COVERAGE)
-            for index, thing in things:
-                meshes = [mesh for mesh in thing.model.meshes if _is_holed(mesh) is holed]
-                if meshes:
-                    _place(program, index, thing, camera)
-                for mesh in meshes:
-                    m = mesh.material
-                    set_uniforms(
-                        program,
-                        color=tuple(a * b for a, b in zip(m.color, thing.tint, strict=True)),
-                        gloss=(m.translucency, m.specular, m.roughness),
-                        textured=m.texture is not None,
-                    )
-                    self._render(program, mesh)
-        if soft:
-            self._context.disable_direct(ALPHA_TO_COVERAGE)
+        for index, thing in things:
+            T = thing.T_map_model.copy()
+            T[:3, 3] -= camera.position_m
+            turned = np.linalg.inv(T[:3, :3]).T
+            set_uniforms(
+                program,
+                rel_from_model=columns(T),
+                normal_matrix=columns(np.asarray(turned, np.float64)),
+                identity=(thing.label.id, index + 1),
+            )
+            for mesh in thing.model.meshes:
+                m = mesh.material
+                set_uniforms(
+                    program,
+                    color=tuple(a * b for a, b in zip(m.color, thing.tint, strict=True)),
+                    gloss=(m.translucency, m.specular, m.roughness),
+                    textured=m.texture is not None,
+                )
+                self._render(program, mesh)
 
     def cast(self, program: Program, things: Iterable[Thing], light_from_map: Float64Array) -> None:
         """Draw things into a shadow map."""
@@ -121,7 +117,7 @@ class ThingStore:
         if array is None:
             layout = [layout_of(program, up.vertices, "xyz:3f", "normal:3f", "uv:2f")]
             array = up.arrays[program.glo] = self._context.vertex_array(program, layout, up.indices)
-        set_uniforms(program, cutout=_is_holed(mesh))
+        set_uniforms(program, cutout=mesh.material.cutout and mesh.material.texture is not None)
         up.texture.use(0)
         array.render()
 
@@ -144,19 +140,3 @@ class ThingStore:
 
 def _key(mesh: Mesh) -> tuple[int, bool]:
     return id(mesh.material.texture), mesh.material.cutout
-
-
-def _is_holed(mesh: Mesh) -> bool:
-    return mesh.material.cutout and mesh.material.texture is not None
-
-
-def _place(program: Program, index: int, thing: Thing, camera: Camera) -> None:
-    T = thing.T_map_model.copy()
-    T[:3, 3] -= camera.position_m
-    turned = np.linalg.inv(T[:3, :3]).T
-    set_uniforms(
-        program,
-        rel_from_model=columns(T),
-        normal_matrix=columns(np.asarray(turned, np.float64)),
-        identity=(thing.label.id, index + 1),
-    )

@@ -11,7 +11,11 @@ uniform vec3 tile_rel;   // the tile's corner; its z is that of the map's origin
 uniform float full;      // tufts of a tile
 uniform vec3 straw;
 #ifdef RADIANCE
-centroid out vec4 lit;
+// The same at all corners of a blade, mixed by `along`: interpolated light leaves its bounds on slivers.
+flat out vec3 sky;
+flat out vec3 direct;
+flat out float haze;
+out float along;
 #endif
 
 // Share of the tufts that is drawn at a distance, as in lawn.py.
@@ -30,29 +34,27 @@ void main() {
     float widened = pow(max(share, 0.01), -0.55);
 
     float turn = draw.x + corner.z * 2.4 + 1.5 * some.x, t = corner.y;
-    vec2 along = vec2(cos(turn), sin(turn)), across = vec2(-along.y, along.x);
+    vec2 ahead = vec2(cos(turn), sin(turn)), across = vec2(-ahead.y, ahead.x);
     float length_m = root.w * (0.6 + 0.7 * some.y) * grown;
     float lean = 0.15 + 0.75 * some.z * some.z + 0.3 * some.w;
     float bend = lean * t * t;
     float width = 0.0019 * widened * (0.7 + 0.7 * more.x) * (1.0 - 0.8 * t);
-    vec2 foot = base.xy + (more.yz - 0.5) * 0.05 * widened + along * 0.008;
+    vec2 foot = base.xy + (more.yz - 0.5) * 0.05 * widened + ahead * 0.008;
     vec3 rel = vec3(
-        foot + along * (length_m * bend) + across * (corner.x * width),
+        foot + ahead * (length_m * bend) + across * (corner.x * width),
         base.z + length_m * t * (1.0 - 0.3 * bend));
     gl_Position = clip_from_rel * vec4(rel, 1.0);
 #ifdef RADIANCE
-    vec3 tangent = normalize(vec3(along * (2.0 * lean * t), 1.0));
+    vec3 tangent = normalize(vec3(ahead * (1.2 * lean), 1.0));
     vec3 normal = cross(vec3(across, 0.0), tangent);
     normal = normalize(mix(vec3(0.0, 0.0, 1.0), normal.z < 0.0 ? -normal : normal, 0.5));
     vec3 albedo = more.w < look.a ? straw : look.rgb * look.rgb * (0.75 + 0.5 * some.w);
-    float open = mix(0.45, 1.2, t);
     float towards = dot(normal, sun_direction.xyz);
-    vec3 sky = albedo * ambient(normal) * open;
-    float through = 0.35 * max(0.25 - towards, 0.0);
-    vec3 direct = albedo * (max(towards, 0.0) + vec3(1.0, 1.1, 0.5) * through) * mix(0.55, 1.2, t);
-    direct *= sun.rgb * sunlit(rel, vec3(0.0, 0.0, 1.0), 1);
-    vec3 total = sky + direct;
-    float part = dot(sky, vec3(0.3, 0.6, 0.1)) / max(dot(total, vec3(0.3, 0.6, 0.1)), 1e-6);
-    lit = vec4(through_air(total, rel), part);
+    vec3 middle = vec3(foot, base.z + 0.6 * length_m);
+    sky = albedo * ambient(normal);
+    direct = albedo * (max(towards, 0.0) + vec3(1.0, 1.1, 0.5) * 0.35 * max(0.25 - towards, 0.0));
+    direct *= sun.rgb * sunlit(middle, vec3(0.0, 0.0, 1.0), 1);
+    haze = exp(-air.x * length(middle));
+    along = t;
 #endif
 }

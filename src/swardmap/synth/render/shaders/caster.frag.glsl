@@ -1,4 +1,4 @@
-centroid in vec2 at;
+in vec2 at;
 uniform sampler2D picture;
 uniform bool cutout;
 

@@ -1,7 +1,7 @@
 in vec3 xyz;
 in vec2 uv;
 uniform mat4 light_from_model;
-centroid out vec2 at;
+out vec2 at;
 
 void main() {
     at = uv;

@@ -19,6 +19,10 @@ layout(std140) uniform Frame {
 
 // Ray through a fragment, of length 1 along the optical axis.
 vec3 ray_of(vec2 fragment) {
+#ifdef TRUTH
+    vec2 pixel = fragment - 0.5;  // one element a pixel, whatever the picture has
+#else
     vec2 pixel = fragment / screen.x - 0.5;
+#endif
     return forward.xyz + right.xyz * ((pixel.x - lens.z) / lens.x) + down.xyz * ((pixel.y - lens.w) / lens.y);
 }

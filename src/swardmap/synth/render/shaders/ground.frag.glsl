@@ -5,25 +5,23 @@
 #include "light.glsl"
 #include "noise.glsl"
 #endif
-centroid in vec3 rel;
-centroid in vec3 facing;
+in vec3 rel;
+in vec3 facing;
 
 #ifdef RADIANCE
-uniform sampler2D albedo_map;    // square root of linear RGB
+uniform sampler2D albedo_map;
 uniform usampler2D surface_map;
-uniform sampler2DArray details;  // square root of a quarter of the factor on the albedo, a layer each surface
+uniform sampler2DArray details;  // a third of the factor on the albedo, a layer each surface
 uniform float tile_m[12];
 uniform vec3 lawn_color;         // beyond the raster
 
 vec3 detail(float layer, vec2 xy) {
-    vec3 root = texture(details, vec3(xy / tile_m[int(layer)], layer)).rgb;
-    return 4.0 * root * root;
+    return 3.0 * texture(details, vec3(xy / tile_m[int(layer)], layer)).rgb;
 }
 
 vec3 albedo_at(vec2 xy, Place place, float lawn) {
     vec2 grid = (vec2(place.cell) + place.at + 0.5) / vec2(textureSize(height_map, 0));
-    vec3 root = texture(albedo_map, grid).rgb;
-    vec3 albedo = place.within ? root * root : lawn_color;
+    vec3 albedo = place.within ? texture(albedo_map, grid).rgb : lawn_color;
     if (lawn > 0.0) {
         vec2 turned = mat2(0.8, 0.6, -0.6, 0.8) * xy;
         return albedo * mix(detail(0.0, xy), detail(0.0, turned * 0.23), 0.35);

@@ -4,8 +4,8 @@ in ivec3 local;   // vertex of a tile, in texels; the third is 1 for the skirt t
 in ivec2 tile;    // its first texel
 uniform ivec2 low;   // vertices stay within
 uniform ivec2 high;
-centroid out vec3 rel;
-centroid out vec3 facing;
+out vec3 rel;
+out vec3 facing;
 
 float height_of(ivec2 vertex) {
     return texelFetch(height_map, clamp(vertex, ivec2(0), textureSize(height_map, 0) - 1), 0).r;

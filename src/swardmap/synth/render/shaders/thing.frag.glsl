@@ -3,9 +3,9 @@
 #ifdef RADIANCE
 #include "light.glsl"
 #endif
-centroid in vec3 rel;
-centroid in vec3 facing;
-centroid in vec2 at;
+in vec3 rel;
+in vec3 facing;
+in vec2 at;
 uniform sampler2D picture;
 uniform bool textured;
 uniform bool cutout;
@@ -43,18 +43,9 @@ vec4 shaded(vec3 albedo) {
 
 void main() {
     vec4 texel = textured ? texture(picture, at) : vec4(1.0);
-#ifdef COVERAGE
-    // alpha becomes coverage of the samples, as sharp as a pixel
-    float alpha = cutout ? clamp((texel.a - 0.4) / max(fwidth(texel.a), 1e-3) + 0.5, 0.0, 1.0) : 1.0;
-    if (alpha <= 0.0) discard;
-#else
     if (cutout && texel.a < 0.4) discard;
-#endif
 #ifdef RADIANCE
     radiance = shaded(color * texel.rgb);
-#ifdef COVERAGE
-    if (cutout) radiance.a = alpha;
-#endif
 #endif
 #ifdef TRUTH
     depth_m = 1.0 / gl_FragCoord.w;

@@ -4,9 +4,9 @@ in vec3 normal;
 in vec2 uv;
 uniform mat4 rel_from_model;
 uniform mat3 normal_matrix;
-centroid out vec3 rel;
-centroid out vec3 facing;
-centroid out vec2 at;
+out vec3 rel;
+out vec3 facing;
+out vec2 at;
 
 void main() {
     rel = (rel_from_model * vec4(xyz, 1.0)).xyz;
