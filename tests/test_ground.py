@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from swardmap.config import CloudConfig, Config, GeometryConfig, config_from_dict
+from swardmap.config import CloudConfig, Config, GeometryConfig, GridConfig, config_from_dict
 from swardmap.errors import ConfigError, InvalidValueError
 from swardmap.eval.maps import compare_frame
 from swardmap.geometry import Intrinsics, Pose, deproject, mount_pose
@@ -56,10 +56,15 @@ def seen(scene: Scene, slope_deg: float = 0.0, roll_deg: float = 0.0, pose: Pose
     return frame.with_pose(Pose("map", "camera", turned(slope_deg, roll_deg) @ pose.matrix))
 
 
-def marks(frame: Frame, config: GeometryConfig = ON, cloud: CloudConfig = CLOUD) -> GroundEvidence:
+def marks(
+    frame: Frame,
+    config: GeometryConfig = ON,
+    cloud: CloudConfig = CLOUD,
+    min_points: int = GridConfig().min_points,
+) -> GroundEvidence:
     assert frame.T_map_camera is not None
     spec = view_spec(frame.intrinsics, frame.T_map_camera, cloud.max_range_m, 0.05)
-    return observe_ground(frame, frame.T_map_camera, spec, cloud, config, 3)
+    return observe_ground(frame, frame.T_map_camera, spec, cloud, config, min_points)
 
 
 def found_near(evidence: GroundEvidence, x: float, y: float, within_m: float) -> int:
@@ -75,6 +80,53 @@ def test_an_empty_slope_has_no_obstacle(slope_deg: float, roll_deg: float) -> No
     evidence = marks(seen(Scene(), slope_deg, roll_deg))
     assert np.isfinite(evidence.ground_m).sum() > 3000
     assert not evidence.grid.is_obstacle.any()
+
+
+class Truth:
+    """True masks."""
+
+    name = "truth"
+    label_set: LabelSet = GRASS_OBSTACLE_PERSON
+
+    def __call__(self, frame: Frame) -> Segmentation:
+        assert frame.labels is not None
+        return Segmentation(frame.labels, self.label_set)
+
+
+@pytest.mark.parametrize("mode", ["paper", "evidence"])
+@pytest.mark.parametrize("road", ["fused", "staged"])
+@pytest.mark.parametrize(("slope_deg", "roll_deg"), [(15, 0), (-15, 0), (0, 15)])
+def test_a_slope_stays_free_with_the_settings_as_shipped(
+    slope_deg: float, roll_deg: float, road: str, mode: str
+) -> None:
+    """Within the camera's range it rises by 2 m, or falls: far beyond the limits of height in the map."""
+    config = config_from_dict({"geometry": {"enabled": True}, "grid": {"mode": mode}, "road": road})
+    mapper = ObstacleMapper(Truth(), config)
+    frame = seen(Scene(), slope_deg, roll_deg)
+    for i in range(12):
+        step = mapper.step(replace(frame, stamp_ns=i))
+    assert mapper.map is not None
+    assert not mapper.map.is_obstacle.any()
+    assert step.counts.out_of_height < 0.001 * step.counts.used
+    assert frame.T_map_camera is not None
+    assert frame.labels is not None
+    points = frame.T_map_camera.apply(deproject(frame.depth_m, frame.intrinsics).reshape(-1, 3))
+    near = np.isfinite(points).all(axis=1) & (frame.depth_m.ravel() < 5) & (frame.labels.ravel() == GRASS.id)
+    ix, iy = mapper.map.spec.cell_of(points[near, :2]).T
+    assert (mapper.map.classes[iy, ix] == MapClass.GRASS).mean() > 0.99
+
+
+def test_obstacles_on_a_slope_are_not_cropped_and_crowns_above_it_are_driven_under() -> None:
+    post, crown = Box((4.0, 0.5), (0.3, 0.3, 1.5)), Ellipsoid((5.0, -1.5, 3.2), (0.8, 0.8, 0.4))
+    config = config_from_dict({"geometry": {"enabled": True}})
+    (up,) = lane_poses(1, pitch_deg=0.0)
+    step = ObstacleMapper(Truth(), config).step(seen(Scene((post, crown)), 15.0, pose=up))
+    x, y, _ = turned(15.0)[:3, :3] @ [4.0, 0.5, 0.0]
+    iy, ix = np.nonzero(step.seen.is_obstacle)
+    centers = step.seen.spec.center_of(np.stack([ix, iy], axis=1))
+    assert len(centers)
+    assert np.hypot(*(centers - (x, y)).T).max() < 1.0  # it leans by 15 degrees; nothing of the crown
+    np.testing.assert_allclose(step.cloud(config).xyz[:, 2].max(), 2.6, atol=0.4)  # pictures show the same
 
 
 @pytest.mark.parametrize("pitch_deg", [5.0, 20.0, 35.0])
@@ -174,9 +226,9 @@ def test_the_threshold_grows_with_the_noise() -> None:
     unfiltered = replace(CLOUD, consistent_neighbours=0)
     told = replace(ON, noise_m_at_1m=0.02, noise_sigmas=4.0)
     constant = replace(ON, noise_sigmas=0.0)
-    false_marks = marks(noisy, constant, unfiltered).grid.is_obstacle.sum()
+    false_marks = marks(noisy, constant, unfiltered, min_points=3).grid.is_obstacle.sum()
     assert false_marks > 200
-    assert marks(noisy, told, unfiltered).grid.is_obstacle.sum() < 0.02 * false_marks
+    assert marks(noisy, told, unfiltered, min_points=3).grid.is_obstacle.sum() < 0.02 * false_marks
 
 
 def test_what_hangs_high_above_the_local_ground_is_driven_under() -> None:
@@ -280,6 +332,14 @@ def test_each_kind_of_evidence_can_be_switched_off() -> None:
     ).step(frame)
     assert alone.seen.is_obstacle.any()
     assert alone.seen.count(MapClass.GRASS) == 0
+    living = ObstacleMapper(
+        AllGrass(),
+        config_from_dict({"geometry": {"enabled": True, "semantics": False}, "grid": {"mode": "evidence"}}),
+    )
+    living.step(frame)
+    assert living.map is not None
+    assert living.map.is_obstacle.any()
+    assert living.map.count(MapClass.GRASS) == 0
     with pytest.raises(ConfigError, match="enabled or semantics"):
         config_from_dict({"geometry": {"semantics": False}})
 
@@ -326,7 +386,7 @@ def test_the_living_map_takes_a_geometric_mark_for_an_obstacle() -> None:
     frame = seen(garden_scene(0), 0.0)
     assert frame.T_map_camera is not None
     grass = Segmentation(np.full((1, 1), GRASS.id, np.uint8), GRASS_OBSTACLE_PERSON)
-    config = config_from_dict({"geometry": {"enabled": True}, "grid": {"mode": "evidence", "min_points": 3}})
+    config = config_from_dict({"geometry": {"enabled": True}, "grid": {"mode": "evidence"}})
 
     class AllGrass:
         name = "all grass"

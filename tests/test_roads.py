@@ -73,8 +73,9 @@ def test_roads_agree_on_random_frames(seed: int, dtype: str) -> None:
         consistent_neighbours=int(rng.integers(0, 9)),
     )
     k_mark, k_clear = (int(k) for k in rng.integers(1, 4, 2))
-    staged, staged_counts = staged_grid(frame, segmentation, pose, spec, config, k_mark, k_clear)
-    fused, fused_counts = fused_grid(frame, segmentation, pose, spec, config, k_mark, k_clear)
+    lawn = rng.normal(0, 1, 4).astype(np.float32) if rng.random() < 0.5 else None
+    staged, staged_counts = staged_grid(frame, segmentation, pose, spec, config, k_mark, k_clear, lawn)
+    fused, fused_counts = fused_grid(frame, segmentation, pose, spec, config, k_mark, k_clear, lawn)
     np.testing.assert_array_equal(staged.classes, fused.classes)
     assert staged_counts == fused_counts
 

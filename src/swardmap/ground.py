@@ -27,11 +27,14 @@ class GroundEvidence:
             flat is not the same as grass.
         holes: (height, width) bool, the obstacle cells with points below the ground.
         ground_m: (height, width) float32 height of the ground in the grid's frame; NaN where not seen.
+        above_lawn: (4,) float32 a, b, c, d: height a x + b y + c z + d of a point of the camera above the
+            plane of the lawn; None = no ground was seen.
     """
 
     grid: OccupancyGrid
     holes: NDArray[np.bool_]
     ground_m: Float32
+    above_lawn: Float32 | None = None
 
 
 ALWAYS_ENOUGH = 1_000_000
@@ -103,27 +106,35 @@ def observe_ground(
     plane_m = np.float32(a) * x + (np.float32(b) * y + np.float32(c))[:, None]
     height_m = ground.offset_m.reshape(spec.shape) + plane_m
     grid = OccupancyGrid(spec, classes, frame.stamp_ns)
-    return GroundEvidence(grid, below, height_m)
+    return GroundEvidence(grid, below, height_m, up)
 
 
-def with_geometry(
-    frame: Frame, semantic: OccupancyGrid, T_map_camera: Pose, config: Config
-) -> tuple[OccupancyGrid, GroundEvidence | None]:
-    """The frame's grid from all the evidence that is switched on, and what geometry alone says.
+def see_ground(frame: Frame, T_map_camera: Pose, spec: GridSpec, config: Config) -> GroundEvidence | None:
+    """What depth alone says of a frame; None if it is switched off.
 
     Args:
         frame: its depth is used.
-        semantic: its grid from the network's classes.
         T_map_camera: pose of the camera in the grid's frame.
+        spec: the grid.
         config: `geometry` says what is switched on, `road` which twin computes it.
     """
     if not config.geometry.enabled:
-        return semantic, None
-    evidence = observe_ground(
-        frame, T_map_camera, semantic.spec, config.cloud, config.geometry, config.grid.min_points,
+        return None
+    return observe_ground(
+        frame, T_map_camera, spec, config.cloud, config.geometry, config.grid.min_points,
         compiled=config.road == "fused",
     )  # fmt: skip
-    return (fuse(semantic, evidence) if config.geometry.semantics else evidence.grid), evidence
+
+
+def with_ground(semantic: OccupancyGrid, evidence: GroundEvidence | None, config: Config) -> OccupancyGrid:
+    """The frame's grid from all the evidence that is switched on."""
+    if evidence is None:
+        return semantic
+    if config.geometry.semantics:
+        return fuse(semantic, evidence)
+    points = np.zeros((*evidence.grid.spec.shape, 4), np.uint32)
+    points[evidence.grid.is_obstacle, MapClass.OBSTACLE] = ALWAYS_ENOUGH
+    return replace(evidence.grid, sighting=semantic.sighting and replace(semantic.sighting, points=points))
 
 
 def _depth_limits(cloud: CloudConfig) -> Float32:

@@ -8,17 +8,16 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from swardmap.cloud import crop_height
 from swardmap.config import Config, MountConfig
 from swardmap.costmap import Costmap, build_costmap
 from swardmap.errors import InputError, InvalidValueError
 from swardmap.geometry import Intrinsics, Pose, mount_pose
 from swardmap.grid import GridSpec, OccupancyGrid
-from swardmap.ground import GroundEvidence, with_geometry
+from swardmap.ground import GroundEvidence, see_ground, with_ground
 from swardmap.labels import LabelSet
 from swardmap.living import LivingMap
 from swardmap.mapper import GridMapper, fixed_spec
-from swardmap.roads import PixelCounts, filtered_cloud, fused_grid, staged_grid
+from swardmap.roads import PixelCounts, filtered_cloud, fused_grid, staged_grid, within_height
 from swardmap.types import Frame, LabeledCloud, Segmentation
 from swardmap.work_area import WorkArea
 
@@ -73,8 +72,8 @@ class StepResult:
     def cloud(self, config: Config) -> LabeledCloud:
         """The cloud the map was made of: filtered, labelled, in the map frame; for pictures and files."""
         cloud = filtered_cloud(self.frame, self.segmentation, config.cloud)
-        cloud = cloud.transformed(Pose(self.T_map_camera.parent, cloud.frame_id, self.T_map_camera.matrix))
-        return crop_height(cloud, config.cloud.min_height_m, config.cloud.max_height_m)
+        T_map_camera = Pose(self.T_map_camera.parent, cloud.frame_id, self.T_map_camera.matrix)
+        return within_height(cloud, T_map_camera, config.cloud, above_lawn(self.geometry))
 
 
 class ObstacleMapper:
@@ -121,12 +120,11 @@ class ObstacleMapper:
         segmented = perf_counter()
 
         spec = self._window(frame.intrinsics, T_map_camera)
-        road = fused_grid if config.road == "fused" else staged_grid
-        k_mark, k_clear = config.grid.min_points, config.grid.min_grass_points
-        semantic, counts = road(frame, segmentation, T_map_camera, spec, config.cloud, k_mark, k_clear)
+        geometry = see_ground(frame, T_map_camera, spec, config)
+        grounded = perf_counter()
+        semantic, counts = semantic_grid(frame, segmentation, T_map_camera, spec, config, geometry)
+        seen = with_ground(semantic, geometry, config)
         gridded = perf_counter()
-        seen, geometry = with_geometry(frame, semantic, T_map_camera, config)
-        fused = perf_counter()
 
         if frame.T_map_camera is not None:
             if self.area is not None:
@@ -134,9 +132,9 @@ class ObstacleMapper:
             self._mapper = self._mapper or new_map(config, T_map_camera.parent)
             self._mapper.integrate(seen)
         done = perf_counter()
-        stages = {"segment": segmented - started, "grid": gridded - segmented}
-        stages |= {} if geometry is None else {"geometry": fused - gridded}
-        stages |= {"update": done - fused}
+        stages = {"segment": segmented - started}
+        stages |= {} if geometry is None else {"geometry": grounded - segmented}
+        stages |= {"grid": gridded - grounded, "update": done - gridded}
         timings_ms = {name: 1e3 * seconds for name, seconds in stages.items()}
         return StepResult(frame, segmentation, T_map_camera, seen, counts, timings_ms, semantic, geometry)
 
@@ -196,6 +194,27 @@ class ObstacleMapper:
         view = view_spec(intrinsics, T_map_camera, cloud.max_range_m, grid.resolution_m)
         fixed = fixed_spec(grid, T_map_camera.parent)
         return view if fixed is None else fixed.part_within(view)
+
+
+def semantic_grid(
+    frame: Frame,
+    segmentation: Segmentation,
+    T_map_camera: Pose,
+    spec: GridSpec,
+    config: Config,
+    geometry: GroundEvidence | None = None,
+) -> tuple[OccupancyGrid, PixelCounts]:
+    """One frame's grid from its mask, by the configured road; on slopes heights are those above the lawn."""
+    road = fused_grid if config.road == "fused" else staged_grid
+    return road(
+        frame, segmentation, T_map_camera, spec, config.cloud, config.grid.min_points,
+        config.grid.min_grass_points, above_lawn(geometry),
+    )  # fmt: skip
+
+
+def above_lawn(geometry: GroundEvidence | None) -> NDArray[np.float32] | None:
+    """What gives heights above the lawn, if geometry is on and saw it."""
+    return None if geometry is None else geometry.above_lawn
 
 
 def new_map(config: Config, frame_id: str) -> GridMapper | LivingMap:

@@ -6,10 +6,10 @@ A property test holds them cell for cell and count for count equal (tests/test_r
 from dataclasses import asdict, dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swardmap.cloud import (
     consistent_depth,
-    crop_height,
     crop_range,
     label_cloud,
     remove_radius_outliers,
@@ -72,6 +72,7 @@ def staged_grid(
     config: CloudConfig,
     min_points: int,
     min_grass_points: int | None = None,
+    above_lawn: NDArray[np.float32] | None = None,
 ) -> tuple[OccupancyGrid, PixelCounts]:
     """One frame's grid, stage by stage in NumPy: the oracle, and the only road with voxels and outliers.
 
@@ -83,6 +84,8 @@ def staged_grid(
         config: ranges and filters.
         min_points: of obstacle and person that mark a cell (`classify_cells`).
         min_grass_points: of grass that clear one; None = min_points.
+        above_lawn: (4,) a, b, c, d: height a x + b y + c z + d of a point of the camera above the lawn, where
+            that is known; what is within the height limits by it or by the grid's z is used.
 
     Returns:
         The standalone grid of this frame, and what became of its pixels.
@@ -94,8 +97,7 @@ def staged_grid(
     )
     cloud = label_cloud(frame, segmentation, consistent)
     known = cloud[cloud.label_set.map_class_table[cloud.labels] != MapClass.UNKNOWN]
-    in_grid_frame = known.transformed(_T_grid_camera(spec, T_map_camera))
-    in_height = crop_height(in_grid_frame, config.min_height_m, config.max_height_m)
+    in_height = within_height(known, _T_grid_camera(spec, T_map_camera), config, above_lawn)
     thinned = _thinned(in_height, config)
     counts, outside = count_points(thinned, spec)
     sighting = Sighting(counts, _viewpoint_m(T_map_camera))
@@ -122,6 +124,7 @@ def fused_grid(
     config: CloudConfig,
     min_points: int,
     min_grass_points: int | None = None,
+    above_lawn: NDArray[np.float32] | None = None,
 ) -> tuple[OccupancyGrid, PixelCounts]:
     """The same as `staged_grid` in one compiled pass over the pixels, without voxels and outliers.
 
@@ -137,7 +140,8 @@ def fused_grid(
         )
     depth, mask = frame.depth, segmentation.labels
     ray_x, ray_y = frame.intrinsics.ray_tables()
-    T = _T_grid_camera(spec, T_map_camera).matrix[:3].astype(np.float32)
+    T = _T_grid_camera(spec, T_map_camera).matrix.astype(np.float32)
+    T[3] = T[2] if above_lawn is None else above_lawn
     limits = np.array(
         [config.min_range_m, config.max_range_m, config.min_height_m, config.max_height_m,
          config.consistency_relative, config.consistency_m], np.float32,
@@ -155,6 +159,29 @@ def fused_grid(
     sighting = Sighting(points, _viewpoint_m(T_map_camera))
     grid = OccupancyGrid(spec, classes.reshape(spec.shape), frame.stamp_ns, sighting)
     return grid, _pixel_counts(counts[-kernel.REASONS :].tolist(), depth.size, int(readings))
+
+
+def within_height(
+    cloud: LabeledCloud,
+    T_parent_camera: Pose,
+    config: CloudConfig,
+    above_lawn: NDArray[np.float32] | None = None,
+) -> LabeledCloud:
+    """The points whose z or whose height above the lawn is within the limits, in the parent's frame.
+
+    Args:
+        cloud: of the camera.
+        T_parent_camera: its pose, z of the parent up.
+        config: the limits.
+        above_lawn: see `staged_grid`.
+    """
+    lowest, highest = np.float32(config.min_height_m), np.float32(config.max_height_m)
+    moved = cloud.transformed(T_parent_camera)
+    heights = [moved.xyz[:, 2]]
+    if above_lawn is not None:
+        (a, b, c, d), (x, y, z) = above_lawn, cloud.xyz.T
+        heights.append(a * x + b * y + c * z + d)  # in the kernel's order of operations
+    return moved[np.logical_or.reduce([(h >= lowest) & (h <= highest) for h in heights])]
 
 
 def _pixel_counts(reasons: list[int], pixels: int, readings: int) -> PixelCounts:

@@ -15,10 +15,9 @@ from swardmap.eval.dmin import Misses, find_misses, nearest_hits
 from swardmap.eval.tally import RANGE_BANDS_M, MapTally, MissedKind, MissKind
 from swardmap.geometry import Pose
 from swardmap.grid import GridSpec, OccupancyGrid, classify_cells, count_points
-from swardmap.ground import with_geometry
+from swardmap.ground import see_ground, with_ground
 from swardmap.labels import MapClass
-from swardmap.pipeline import view_spec
-from swardmap.roads import fused_grid, staged_grid
+from swardmap.pipeline import semantic_grid, view_spec
 from swardmap.types import Frame, LabeledCloud, Segmentation
 
 PROTOCOLS = ("dense", "paper")
@@ -137,10 +136,9 @@ def frame_map(
         spec: grid to use; None = all that the camera can see.
     """
     spec = spec or spec_of(frame, T_map_camera, config)
-    road = fused_grid if config.road == "fused" else staged_grid
-    k_mark, k_clear = config.grid.min_points, config.grid.min_grass_points
-    grid, _ = road(frame, segmentation, T_map_camera, spec, config.cloud, k_mark, k_clear)
-    return with_geometry(frame, grid, T_map_camera, config)[0]
+    geometry = see_ground(frame, T_map_camera, spec, config)
+    grid, _ = semantic_grid(frame, segmentation, T_map_camera, spec, config, geometry)
+    return with_ground(grid, geometry, config)
 
 
 def cloud_map(cloud: LabeledCloud, T_map_cloud: Pose, config: Config, spec: GridSpec) -> OccupancyGrid:

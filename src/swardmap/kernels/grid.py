@@ -63,6 +63,7 @@ def _index_row(z_row, ray_x, ray_y, T, lowest, highest, per_metre, classes, keep
     t00, t01, t02, t03 = T[0, 0], T[0, 1], T[0, 2], T[0, 3]
     t10, t11, t12, t13 = T[1, 0], T[1, 1], T[1, 2], T[1, 3]
     t20, t21, t22, t23 = T[2, 0], T[2, 1], T[2, 2], T[2, 3]
+    t30, t31, t32, t33 = T[3, 0], T[3, 1], T[3, 2], T[3, 3]
     grid_width, n_x, n_y = np.int32(width), np.float32(width), np.float32(height)
     zero, none = np.float32(0), np.int32(0)
     first = np.int32(width * height * 4)
@@ -76,10 +77,12 @@ def _index_row(z_row, ray_x, ray_y, T, lowest, highest, per_metre, classes, keep
         gx = (t00 * x + t01 * y + t02 * z + t03) * per_metre
         gy = (t10 * x + t11 * y + t12 * z + t13) * per_metre
         up = t20 * x + t21 * y + t22 * z + t23
+        over = t30 * x + t31 * y + t32 * z + t33
+        in_height = ((up >= lowest) & (up <= highest)) | ((over >= lowest) & (over <= highest))
         inside = (gx >= zero) & (gy >= zero) & (gx < n_x) & (gy < n_y)
         i = (np.int32(gy) * grid_width + np.int32(gx)) * np.int32(4) + classes[u]
         i = i if inside else outside
-        i = i if (up >= lowest) & (up <= highest) else not_in_height
+        i = i if in_height else not_in_height
         i = i if classes[u] > none else void
         i = i if keep[u] > none else not_consistent
         index[u] = i if z > zero else not_in_range
@@ -119,8 +122,8 @@ def count_pixels(  # type: ignore[no-untyped-def]
         table: (256,) int32 mask id -> MapClass.
         ray_x: (W,) float32, x of K^-1 [u v 1] (Eq. 1).
         ray_y: (H,) float32, y of the same.
-        T: (3, 4) float32 T_grid_camera.
-        limits: float32 near, far, lowest, highest, relative, absolute (metres).
+        T: (4, 4) float32, three rows of T_grid_camera, and one that gives the height above the lawn.
+        limits: float32 near, far, lowest, highest (of either height), relative, absolute (metres).
         needed: neighbours that must agree; 0 = no filter.
         width: of the grid in cells.
         height: of the grid in cells.
