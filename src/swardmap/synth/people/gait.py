@@ -48,7 +48,7 @@ def gait_of(figure: Figure, speed_mps: float, running: bool) -> Gait:
     share = float(np.sqrt(speed_mps / (1.35 * np.sqrt(leg / 0.85))))
     if running:
         return Gait(1.35 * leg * share * 1.25, 0.38, 0.32 * leg, 38, 95, 9)
-    return Gait(min(1.42 * leg * share, 1.6 * leg), 0.62, 0.1 * leg, 24 * share, 22, 3)
+    return Gait(min(1.55 * leg * share, 1.7 * leg), 0.62, 0.1 * leg, 24 * share, 22, 3)
 
 
 def ankle(figure: Figure, gait: Gait, phase: float) -> tuple[float, float, float]:

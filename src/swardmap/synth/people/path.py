@@ -10,7 +10,8 @@ from swardmap.synth.model import Float64Array, Ground, Model, Thing
 from swardmap.synth.people.body import Assets
 from swardmap.synth.people.figure import figure_of
 from swardmap.synth.people.gait import gait_of, step_meshes
-from swardmap.synth.people.riding import bicycles, fit_of, rider
+from swardmap.synth.people.riding import Fit, astride, bicycles, fit_of, rider
+from swardmap.synth.people.worn import Figure
 from swardmap.synth.shapes import placed
 
 PHASES = 16
@@ -185,11 +186,22 @@ def cyclist(
         ground: ridden on.
         speed_mps: None = by chance, slow as on a lawn.
     """
-    hatted = "helmet" if rng.random() < 0.6 else None
-    figure = figure_of(rng, assets, hatted=hatted)
-    fit = fit_of(figure)
+    figure, fit = _fitted(rng, assets)
     speed = float(rng.uniform(1.4, 2.4)) if speed_mps is None else speed_mps
     name, start = f"person-riding-{int(rng.integers(2**62)):x}", float(rng.uniform(0, path.length_m))
     people = tuple(Model(f"{name}-{k}", rider(figure, fit, k / PHASES)) for k in range(PHASES))
     way = (path, ground, speed, fit.stride_m, start, "riding", fit.wheelbase_m)
     return Walker(people, *way), Walker(bicycles(rng, fit, PHASES), *way, kind="bicycle", label=OTHER)
+
+
+def beside_bicycle(rng: np.random.Generator, assets: Assets) -> tuple[Model, Model]:
+    """Somebody who stands over a bicycle, and the bicycle, in one frame."""
+    figure, fit = _fitted(rng, assets)
+    model = Model(f"person-astride-{int(rng.integers(2**62)):x}", astride(figure, fit))
+    return model, bicycles(rng, fit, 4)[int(rng.integers(4))]
+
+
+def _fitted(rng: np.random.Generator, assets: Assets) -> tuple[Figure, Fit]:
+    """Somebody dressed for a ride, and the size of the bicycle."""
+    figure = figure_of(rng, assets, hatted="helmet" if rng.random() < 0.6 else None)
+    return figure, fit_of(figure)

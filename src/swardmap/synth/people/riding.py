@@ -81,12 +81,26 @@ def rider(figure: Figure, fit: Fit, phase: float) -> tuple[Mesh, ...]:
         x, z = _ankle(figure, _pedal(fit, phase + shift))
         ankle = np.array([x, sign * PEDAL_M * fit.scale, z])
         goals[f"thigh.{side}"] = (ankle - pelvis, np.array([1.0, 0.08 * sign, 0.25]))
-        grip = np.array([GRIP_M[0] - 0.06, sign * (GRIP_M[1] - 0.015), GRIP_M[2] + 0.035]) * fit.scale
-        goals[f"upperarm.{side}"] = (grip - pelvis, np.array([-0.3, 0.5 * sign, -1.0]))
+        goals[f"upperarm.{side}"] = (_wrist(fit, sign) - pelvis, np.array([-0.3, 0.5 * sign, -1.0]))
         level[f"foot.{side}"] = level[f"toes.{side}"] = turn("z", 4 * sign) @ turn("y", 6.0)
     meshes, _ = meshes_of(figure, bones_of(figure.body, turns, goals, level))
-    shift_m = pelvis.astype(np.float32)
-    return tuple(Mesh(m.xyz + shift_m, m.normals, m.uv, m.faces, m.material) for m in meshes)
+    return _shifted(meshes, pelvis)
+
+
+def astride(figure: Figure, fit: Fit) -> tuple[Mesh, ...]:
+    """Meshes of somebody who stands over the bicycle with both feet on the ground, hands at the grips."""
+    angles = Angles(
+        root=(10, 0, 0), trunk=(22, 0, 0), head=(-6, 0, 12), leg_l=(12, 8, 10, 6, 0), leg_r=(12, 8, 10, 6, 0),
+        curl=78, vary=0,
+    )  # fmt: skip
+    turns, level = turns_of(angles)
+    _, points = meshes_of(figure, bones_of(figure.body, turns, level=level))
+    pelvis = np.array([-0.08 * fit.scale, 0.0, -points[:, 2].min()])
+    goals = {}
+    for side, sign in (("L", 1.0), ("R", -1.0)):
+        goals[f"upperarm.{side}"] = (_wrist(fit, sign) - pelvis, np.array([-0.3, 0.5 * sign, -1.0]))
+    meshes, _ = meshes_of(figure, bones_of(figure.body, turns, goals, level))
+    return _shifted(meshes, pelvis)
 
 
 def bicycles(rng: np.random.Generator, fit: Fit, phases: int) -> tuple[Model, ...]:
@@ -101,6 +115,16 @@ def bicycles(rng: np.random.Generator, fit: Fit, phases: int) -> tuple[Model, ..
         model_of(f"{name}-{k}", [moved(mesh, big) for mesh in (*still, *_cranks(k / phases, steel, rubber))])
         for k in range(phases)
     )
+
+
+def _shifted(meshes: list[Mesh], by_m: Float64Array) -> tuple[Mesh, ...]:
+    by = by_m.astype(np.float32)
+    return tuple(Mesh(m.xyz + by, m.normals, m.uv, m.faces, m.material) for m in meshes)
+
+
+def _wrist(fit: Fit, sign: float) -> Float64Array:
+    """(3,): of a hand that holds its grip."""
+    return np.array([GRIP_M[0] - 0.06, sign * (GRIP_M[1] - 0.015), GRIP_M[2] + 0.035]) * fit.scale
 
 
 def _pedal(fit: Fit, phase: float) -> Float64Array:

@@ -12,7 +12,7 @@ from swardmap.synth.scene.areas import inside_convex_m
 
 CELL_M = 0.06
 TALL_M, SEEN_THROUGH = 0.9, ("wire", "railing", "washing line", "swing", "trampoline")
-SIGHT_STEPS = 80
+SIGHT_STEPS = 100
 LOW_M = 1.5  # what hangs higher than this above a thing's base lets a mower pass
 
 
@@ -76,6 +76,7 @@ def clearance_of(garden: Garden) -> Clearance:
     for thing in garden.things:
         if thing.label != GRASS:
             _block(blocked, tall if thing.kind not in SEEN_THROUGH else np.zeros_like(tall), thing, low)
+    tall = np.asarray(cv2.dilate(tall, np.ones((3, 3), np.uint8)), np.uint8)  # wider than a step of a sight
     things = cv2.distanceTransform(1 - blocked, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) * np.float32(CELL_M)
     things = np.maximum(things - np.float32(CELL_M), 0)
     return Clearance((float(low[0]), float(low[1])), things, np.minimum(ground.lawn_m[j, i], edge), tall > 0)

@@ -8,7 +8,7 @@ from swardmap.synth.assets import Assets
 from swardmap.synth.model import Actor, Float64Array, Ground, Model, Thing
 from swardmap.synth.people.path import Mover, Path, cyclist, walker
 from swardmap.synth.scene.areas import curve
-from swardmap.synth.scene.figures import Stroller, figure, seat_under, somebody
+from swardmap.synth.scene.figures import Stroller, figure, somebody
 from swardmap.synth.scene.place import XY, Footprint, Occupancy, footprint_of, sunk_m, tilted, upright
 from swardmap.synth.scene.sites import Sites, jittered
 from swardmap.synth.scene.smalls import animal
@@ -17,10 +17,10 @@ HIDERS = ("shrub", "tree", "hedge", "fence", "raised bed", "bin", "wall", "trell
 COUNT_SHARES = (0.04, 0.12, 0.2, 0.24, 0.2, 0.13, 0.07)  # of gardens with 0-6 people who keep their place
 HIDDEN_SHARE = 0.25
 WALKER_SHARES = (0.3, 0.45, 0.25)
-RIDER_SHARE, ANIMAL_SHARE = 0.2, 0.35  # of gardens
+RIDER_SHARE, ANIMAL_SHARE = 0.3, 0.35  # of gardens
 ROOM_M = 0.45  # on both sides of a way
 SUNK_M = 0.05  # of somebody's lowest points, at most
-STEEPEST = 0.12  # of a way: height over length
+STEEPEST = 0.17  # of a way: height over length
 UPRIGHT = ("standing", "walking", "waving", "pointing", "carrying", "pushing", "crouching", "bending")
 
 
@@ -40,21 +40,20 @@ def people(
     """
     found: list[Thing] = []
     for _ in range(int(rng.choice(len(COUNT_SHARES), p=COUNT_SHARES))):
-        model, pose, seat_m = somebody(rng, assets)
-        seat = seat_under(rng, model, seat_m) if seat_m > 0 else None
-        whole = model if seat is None else Model(model.name, (*model.meshes, *seat.meshes))
-        hides = rng.random() < HIDDEN_SHARE and pose in UPRIGHT
+        who = somebody(rng, assets)
+        whole = who.whole
+        hides = rng.random() < HIDDEN_SHARE and who.pose in UPRIGHT
         behind = [t for t in things if t.kind in HIDERS] if hides else []
         where = sites.of("middle" if rng.random() < 0.6 else "lawn", 0.4)
         for _ in range(20):
             xy, yaw = _spot(rng, sites, where, behind), float(rng.uniform(0, 2 * np.pi))
             foot = footprint_of(whole, xy, yaw)
             if taken.gap_m(foot) > 0.05 and on_lawn(sites, xy, 0.3):
-                T = (upright if pose in UPRIGHT else tilted)(ground, whole, xy, yaw)
+                T = (upright if who.pose in UPRIGHT else tilted)(ground, whole, xy, yaw)
                 if sunk_m(ground, whole, T) > SUNK_M:
                     continue
-                found.append(Thing(model, "person", T, PERSON, pose))
-                found += [Thing(seat, "seat", T)] if seat is not None else []
+                found.append(Thing(who.model, "person", T, PERSON, who.pose))
+                found += [Thing(who.beside, who.beside_kind, T)] if who.beside is not None else []
                 taken.take(foot)
                 break
     return found
@@ -75,7 +74,7 @@ def moving(
             model, speed = figure(rng, "standing"), float(rng.uniform(0.4, 1.4))
             actors.append(Stroller(model, Path(way, closed=True), ground, speed))
     if rng.random() < RIDER_SHARE and bodies is not None:
-        way = round_way(sites, ground, taken, rng, (2.2, 4.5))
+        way = round_way(sites, ground, taken, rng, (1.2, 2.4), 3.0, 300)
         if way is not None:
             actors += cyclist(rng, bodies, Path(way, closed=True), ground)
     if rng.random() < ANIMAL_SHARE:
@@ -88,20 +87,32 @@ def moving(
 
 def round_way(
     sites: Sites, ground: Ground, taken: Occupancy, rng: np.random.Generator,
-    radius_m: tuple[float, float] = (0.9, 4.0),
+    radius_m: tuple[float, float] = (0.8, 3.0), longest: float = 1.7, tries: int = 100,
 ) -> Float64Array | None:  # fmt: skip
     """A closed smooth way on the lawn with room on both sides, nowhere steep; None where there is none.
+
+    Args:
+        sites: of the lot.
+        ground: to go on.
+        taken: footprints that it keeps clear of.
+        rng: source of chance.
+        radius_m: least and greatest, of the narrow way.
+        longest: the way is up to so many times as long as wide.
+        tries: how many ways are tried.
 
     Returns:
         k x 2; the first point is not repeated.
     """
     where = sites.of("lawn", ROOM_M)
-    for _ in range(30 if len(where) else 0):
+    for _ in range(tries if len(where) else 0):
         center = np.asarray(jittered(sites.xy[where[rng.integers(len(where))]], rng))
         n, sense, start = 7, rng.choice([-1, 1]), rng.uniform(0, 2 * np.pi)
         angle = start + sense * np.arange(n) * 2 * np.pi / n
         out = np.stack((np.cos(angle), np.sin(angle)), axis=1)
-        knots = center + rng.uniform(*radius_m) * rng.uniform(0.7, 1.2, (n, 1)) * out
+        turn, long = rng.uniform(0, np.pi), rng.uniform(1.0, longest)
+        stretch = np.array([(np.cos(turn), np.sin(turn)), (-np.sin(turn), np.cos(turn))])
+        out = out @ stretch.T * (long, 1.0) @ stretch
+        knots = center + rng.uniform(*radius_m) * rng.uniform(0.8, 1.15, (n, 1)) * out
         way = curve(np.concatenate([knots[-1:], knots, knots[:2]]), 6)[6 : 6 + 6 * n]
         spots = [(float(x), float(y)) for x, y in way[::2]]
         if (

@@ -8,7 +8,7 @@ from swardmap.labels import PERSON
 from swardmap.synth.assets import Assets
 from swardmap.synth.model import Ground, Material, Model, Thing
 from swardmap.synth.people.figure import person
-from swardmap.synth.people.path import Path
+from swardmap.synth.people.path import Path, beside_bicycle
 from swardmap.synth.people.poses import POSES
 from swardmap.synth.scene.furniture import BENCH_SEAT_M, CHAIR_SEAT_M, bench, chair
 from swardmap.synth.scene.look import linear_of_hsv
@@ -17,6 +17,7 @@ from swardmap.synth.scene.stuff import wood
 from swardmap.synth.shapes import box, cylinder, ellipsoid, model_of, moved, placed, sphere, tube
 
 BODY_SHARE = 0.7  # of people are bodies with clothes, the rest ready-made
+ASTRIDE_SHARE = 0.07  # of those with a body stand over a bicycle
 STANDING_SHARE = 0.4  # the other poses share the rest
 GREEN_SHARE = 0.15  # of plain figures are dressed in the lawn's colour
 
@@ -45,20 +46,50 @@ class Stroller:
         return Thing(self.model, "person", T, PERSON, "walking")
 
 
-def somebody(rng: np.random.Generator, assets: Assets | None) -> tuple[Model, str, float]:
-    """Somebody: the model, the pose, and the height of the seat that must be beneath (0 = none)."""
-    body, pick = rng.random() < BODY_SHARE, rng.random()
+@dataclass(frozen=True, slots=True, eq=False)
+class Somebody:
+    """A person with what belongs to the pose.
+
+    Attributes:
+        model: of the person.
+        pose: of the person.
+        beside: in the same frame: the seat beneath, or the bicycle; None = nothing.
+        beside_kind: of that thing.
+    """
+
+    model: Model
+    pose: str
+    beside: Model | None = None
+    beside_kind: str = "seat"
+
+    @property
+    def whole(self) -> Model:
+        """Both as one."""
+        more = () if self.beside is None else self.beside.meshes
+        return Model(self.model.name, (*self.model.meshes, *more))
+
+
+def somebody(rng: np.random.Generator, assets: Assets | None) -> Somebody:
+    """Somebody by chance: a body with clothes, ready-made, or a plain figure where there are no assets."""
+    body, pick, astride = rng.random() < BODY_SHARE, rng.random(), rng.random() < ASTRIDE_SHARE
     pose = "standing" if rng.random() < STANDING_SHARE else str(rng.choice(list(POSES)))
     ready = () if assets is None else assets.names("person")
     if assets is not None and "people" in assets.array_names() and (body or not ready):
+        if astride:
+            model, bicycle = beside_bicycle(rng, assets)
+            return Somebody(model, "astride", bicycle, "bicycle")
         who = person(rng, assets, pose)
-        return who.model, pose, who.seat_m
+        return _seated(rng, who.model, pose, who.seat_m)
     if assets is not None and ready:
         entry = assets.entry(ready[int(pick * len(ready))])
-        return assets.model(entry.name), entry.pose, entry.seat_m
+        return _seated(rng, assets.model(entry.name), entry.pose, entry.seat_m)
     plain = {"crouching": "crouching", "kneeling": "crouching"}.get(pose, "standing")
     plain = "lying" if pose.startswith("lying") else plain
-    return figure(rng, plain), plain, 0.0
+    return Somebody(figure(rng, plain), plain)
+
+
+def _seated(rng: np.random.Generator, model: Model, pose: str, seat_m: float) -> Somebody:
+    return Somebody(model, pose, seat_under(rng, model, seat_m) if seat_m > 0 else None)
 
 
 def seat_under(rng: np.random.Generator, model: Model, seat_m: float) -> Model:
