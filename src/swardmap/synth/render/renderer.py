@@ -7,7 +7,7 @@ import numpy as np
 from swardmap.errors import InvalidValueError
 from swardmap.geometry import Intrinsics, Pose
 from swardmap.synth.assets import Assets
-from swardmap.synth.model import Float32Array, Garden, Light, Thing, View
+from swardmap.synth.model import Float32Array, Garden, Light, View
 from swardmap.synth.render.camera import Camera, frame_block
 from swardmap.synth.render.context import driver_of, open_context, program_of, set_uniforms
 from swardmap.synth.render.detail import details_of
@@ -15,7 +15,7 @@ from swardmap.synth.render.ground import GroundPart
 from swardmap.synth.render.lawn import LawnPart
 from swardmap.synth.render.shadow import Shadows
 from swardmap.synth.render.targets import Targets
-from swardmap.synth.render.things import Placed, ThingStore
+from swardmap.synth.render.things import Placed, Seen, ThingStore
 
 SURFACES = ("thing", "ground", "blade")
 UNITS = {
@@ -118,7 +118,7 @@ class GardenRenderer:
     def _begin(
         self, garden: Garden, light: Light, intrinsics: Intrinsics, T_map_camera: Pose, stamp_ns: int,
         scale: int = 0,
-    ) -> tuple[_Scene, Camera, list[tuple[int, Thing]]]:  # fmt: skip
+    ) -> tuple[_Scene, Camera, list[Seen]]:  # fmt: skip
         """Upload what is new, draw shadow maps, tell shaders of the frame; return what the camera may see."""
         if (intrinsics.width, intrinsics.height) != self._targets.size:
             w, h = self._targets.size
@@ -147,7 +147,7 @@ class GardenRenderer:
             self._scene = _Scene(self._context, garden, self._assets, self._blades)
         return self._scene
 
-    def _draw(self, scene: _Scene, camera: Camera, seen: list[tuple[int, Thing]], *outputs: str) -> None:
+    def _draw(self, scene: _Scene, camera: Camera, seen: list[Seen], *outputs: str) -> None:
         """Draw everything; what is near first, since what it hides is not shaded."""
         c, targets = self._context, self._targets
         programs = self._programs_of(outputs)

@@ -44,11 +44,31 @@ class Placed:
         centres = np.array([centre for centre, _ in spheres]).reshape(-1, 3)
         return cls(list(enumerate(things, first)), centres, np.array([radius for _, radius in spheres]))
 
-    def seen_by(self, camera: Camera) -> list[tuple[int, Thing]]:
+    def seen_by(self, camera: Camera) -> "list[Seen]":
         """Those that may be in the picture, near ones first."""
         seen = np.flatnonzero(camera.sees(self.centres_m, self.radii_m))
+        depth = (self.centres_m[seen] - camera.position_m) @ camera.axes[:, 2]
         away = np.linalg.norm(self.centres_m[seen] - camera.position_m, axis=1) - self.radii_m[seen]
-        return [self.things[int(k)] for k in seen[np.argsort(away, kind="stable")]]
+        found = [
+            Seen(*self.things[int(k)], (float(z - self.radii_m[k]), float(z + self.radii_m[k])))
+            for k, z in zip(seen, depth, strict=True)
+        ]
+        return [found[k] for k in np.argsort(away, kind="stable")]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Seen:
+    """A thing that may be in the picture.
+
+    Attributes:
+        number: in the garden.
+        thing: what it is.
+        span_m: nearest and farthest depth it may have.
+    """
+
+    number: int
+    thing: Thing
+    span_m: tuple[float, float]
 
 
 def _sphere(thing: Thing) -> tuple[Float64Array, float]:
@@ -74,15 +94,16 @@ class ThingStore:
         pictures = {_key(mesh) for mesh in meshes.values()}
         self._textures = {key: pair for key, pair in self._textures.items() if key in pictures}
 
-    def draw(self, program: Program, things: Sequence[tuple[int, Thing]], camera: Camera) -> None:
+    def draw(self, program: Program, things: Iterable[Seen], camera: Camera) -> None:
         """Draw things as the camera sees them.
 
         Args:
             program: with which.
-            things: number and thing.
+            things: what the camera may see.
             camera: from where.
         """
-        for index, thing in things:
+        for seen in things:
+            thing = seen.thing
             T = thing.T_map_model.copy()
             T[:3, 3] -= camera.position_m
             turned = np.linalg.inv(T[:3, :3]).T
@@ -90,7 +111,8 @@ class ThingStore:
                 program,
                 rel_from_model=columns(T),
                 normal_matrix=columns(np.asarray(turned, np.float64)),
-                identity=(thing.label.id, index + 1),
+                identity=(thing.label.id, seen.number + 1),
+                span=seen.span_m,
             )
             for mesh in thing.model.meshes:
                 m = mesh.material

@@ -1,5 +1,8 @@
 #include "frame.glsl"
 #include "outputs.glsl"
+#ifdef TRUTH
+flat in vec2 span;
+#endif
 #ifdef RADIANCE
 flat in vec3 sky;
 flat in vec3 direct;
@@ -9,13 +12,13 @@ in float along;
 
 void main() {
 #ifdef RADIANCE
-    float t = clamp(along, 0.0, 1.0);
+    float t = along > 0.0 ? min(along, 1.0) : 0.0;  // may be no number on slivers
     vec3 from_sky = sky * mix(0.45, 1.2, t), total = from_sky + direct * mix(0.55, 1.2, t);
     float part = dot(from_sky, vec3(0.3, 0.6, 0.1)) / max(dot(total, vec3(0.3, 0.6, 0.1)), 1e-6);
     radiance = vec4(mix(horizon.rgb, total, haze), part);
 #endif
 #ifdef TRUTH
-    depth_m = 1.0 / gl_FragCoord.w;
+    depth_m = depth_of(gl_FragCoord, span);
     ids = uvec2(GRASS, 0u);
 #endif
 }

@@ -10,6 +10,9 @@ in vec4 look;      // square root of linear RGB of the living blades, share of d
 uniform vec3 tile_rel;   // the tile's corner; its z is that of the map's origin
 uniform float full;      // tufts of a tile
 uniform vec3 straw;
+#ifdef TRUTH
+flat out vec2 span;   // nearest and farthest depth of the blade
+#endif
 #ifdef RADIANCE
 // The same at all corners of a blade, mixed by `along`: interpolated light leaves its bounds on slivers.
 flat out vec3 sky;
@@ -44,6 +47,11 @@ void main() {
         foot + ahead * (length_m * bend) + across * (corner.x * width),
         base.z + length_m * t * (1.0 - 0.3 * bend));
     gl_Position = clip_from_rel * vec4(rel, 1.0);
+#ifdef TRUTH
+    vec3 tip = vec3(foot + ahead * (length_m * lean), base.z + length_m * (1.0 - 0.3 * lean));
+    vec2 ends = vec2(dot(vec3(foot, base.z), forward.xyz), dot(tip, forward.xyz));
+    span = vec2(min(ends.x, ends.y), max(ends.x, ends.y)) + vec2(-0.004, 0.004) * widened;
+#endif
 #ifdef RADIANCE
     vec3 tangent = normalize(vec3(ahead * (1.2 * lean), 1.0));
     vec3 normal = cross(vec3(across, 0.0), tangent);

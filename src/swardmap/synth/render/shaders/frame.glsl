@@ -26,3 +26,15 @@ vec3 ray_of(vec2 fragment) {
 #endif
     return forward.xyz + right.xyz * ((pixel.x - lens.z) / lens.x) + down.xyz * ((pixel.y - lens.w) / lens.y);
 }
+
+// Interpolated values of slivers may be anything, even no number. What is compared with them is false then.
+vec3 unit(vec3 v) {
+    float square = dot(v, v);
+    return square > 1e-12 && square < 1e12 ? v * inversesqrt(square) : vec3(0.0, 0.0, 1.0);
+}
+
+// Depth of a fragment, within bounds.
+float depth_of(vec4 fragment, vec2 span) {
+    float depth = 1.0 / fragment.w;
+    return depth > span.x ? min(depth, span.y) : span.x;
+}

@@ -5,7 +5,6 @@
 #include "light.glsl"
 #include "noise.glsl"
 #endif
-in vec3 rel;
 in vec3 facing;
 
 #ifdef RADIANCE
@@ -32,10 +31,10 @@ vec3 albedo_at(vec2 xy, Place place, float lawn) {
     return albedo * detail(float(surface), xy);
 }
 
-vec4 shaded(Place place) {
+vec4 shaded(Place place, vec3 rel) {
     vec2 xy = rel.xy + camera.xy;
     float lawn = lawn_at(place);
-    vec3 normal = normalize(facing);
+    vec3 normal = unit(facing);
     vec3 albedo = albedo_at(xy, place, lawn);
     // near the camera blades stand on it and take their share of the light
     if (lawn > 0.0) albedo *= mix(0.55, 1.0, smoothstep(4.0, 12.0, length(rel)));
@@ -62,12 +61,13 @@ float true_depth(vec3 ray, float depth) {
 #endif
 
 void main() {
+    vec3 ray = ray_of(gl_FragCoord.xy);
+    float depth = depth_of(gl_FragCoord, vec2(0.0, 1000.0));
 #ifdef RADIANCE
-    radiance = shaded(place_of(rel.xy));
+    radiance = shaded(place_of(ray.xy * depth), ray * depth);
 #endif
 #ifdef TRUTH
-    vec3 ray = ray_of(gl_FragCoord.xy);
-    depth_m = true_depth(ray, 1.0 / gl_FragCoord.w);
+    depth_m = true_depth(ray, depth);
     ids = uvec2(lawn_at(place_of(ray.xy * depth_m)) > 0.0 ? GRASS : OTHER, 0u);
 #endif
 }

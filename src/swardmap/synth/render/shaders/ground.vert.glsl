@@ -4,7 +4,6 @@ in ivec3 local;   // vertex of a tile, in texels; the third is 1 for the skirt t
 in ivec2 tile;    // its first texel
 uniform ivec2 low;   // vertices stay within
 uniform ivec2 high;
-out vec3 rel;
 out vec3 facing;
 
 float height_of(ivec2 vertex) {
@@ -13,7 +12,7 @@ float height_of(ivec2 vertex) {
 
 void main() {
     ivec2 vertex = clamp(tile + local.xy, low, high);
-    rel = vec3(vec2(vertex - camera_cell) * texel_m - camera_offset, height_of(vertex) - camera.z);
+    vec3 rel = vec3(vec2(vertex - camera_cell) * texel_m - camera_offset, height_of(vertex) - camera.z);
     rel.z -= local.z == 1 ? 0.15 : 0.0;
     vec2 slope = vec2(
         height_of(vertex + ivec2(1, 0)) - height_of(vertex - ivec2(1, 0)),
