@@ -134,7 +134,7 @@ def _tint(kind: Surface, rng: np.random.Generator) -> tuple[NDArray[np.float64],
         Surface.WOOD: ((0.27, 0.17, 0.10), 0.12, 0.08),
         Surface.WATER: ((0.03, 0.045, 0.035), 0.05, 0.1),
         Surface.GROUND_COVER: (linear_of_hsv(95 + 18 * warm, 0.52, 0.34), 0.3, 0.15),
-        Surface.CARPET: (linear_of_hsv(108 + 22 * warm, 0.52, 0.34), 0.06, 0.03),
+        Surface.CARPET: (linear_of_hsv(97 + 15 * warm, 0.48, 0.33), 0.06, 0.03),
         Surface.LEAF_LITTER: ((0.25, 0.13, 0.05), 0.4, 0.15),
     }[kind]
     color = np.array(base) * k

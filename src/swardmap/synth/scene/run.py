@@ -19,7 +19,7 @@ SEEN_RAD = 0.45
 WISH_M = (1.5, 9.0)  # of each garden, one distance at which people are wished for
 TRIES, GOOD = 15, 0.75
 AHEAD_M, INWARD_SHARE = 4.0, 0.25  # what a look into the lot counts beside people
-FAR_M = 5.0  # at least, of the ground that is seen
+FAR_M = 8.0  # at least, of the ground that is seen
 PEOPLE_SHARE = 0.9  # of the runs look for a way on which people are seen
 
 People = tuple[Float64Array, list[Float64Array]]
@@ -61,7 +61,7 @@ class Rig:
 def random_rig(seed: int, width: int = 640, height: int = 480) -> Rig:
     """A rig within what mowers have: 0.3-1.3 m high, 10-30 degrees down, a lens near that of a D435i.
 
-    The lower the camera, the less it looks down: the middle of the upper edge sees the ground to 5 m or more.
+    The lower the camera, the less it looks down: the middle of the upper edge sees the ground to 8 m or more.
     """
     rng = np.random.default_rng([seed, 41])
     fx = width * rng.uniform(0.84, 0.98)
@@ -71,7 +71,7 @@ def random_rig(seed: int, width: int = 640, height: int = 480) -> Rig:
     upper = np.degrees(np.arctan2(lens.cy + 0.5, lens.fy))
     steepest = min(30.0, float(upper + np.degrees(np.arctan(height_m / FAR_M))))
     return Rig(
-        lens, height_m, float(rng.uniform(10, steepest)),
+        lens, height_m, float(10 + (steepest - 10) * rng.random() ** 1.6),
         float(np.clip(rng.normal(0, 1.3), -4, 4)),
         float(rng.uniform(-0.1, 0.35)), float(rng.uniform(-0.08, 0.08)),
         float(rng.uniform(0, 0.004)), float(rng.uniform(0, 0.35)),
