@@ -16,6 +16,7 @@ TRIES = 14
 MAX_ASSET_TRIANGLES = 24_000
 DRAWN_WEIGHT = 1.0  # a drawn kind counts like so many models of the bundle
 SUNK_M = 0.06  # of the lowest points of what does not grow, at most
+PLAIN = ("animal",)  # drawn only where the bundle has none
 UNFIT = ("broom",)  # stands on its bristles
 
 
@@ -102,7 +103,8 @@ def _model(recipe: Recipe, assets: Assets | None, rng: np.random.Generator) -> M
     if assets is not None:
         known = [name for kind in recipe.assets for name in assets.names(kind) if name not in UNFIT]
         names = [name for name in known if assets.entry(name).triangles < MAX_ASSET_TRIANGLES]
-    pick, drawn = rng.random(), rng.random() > len(names) / (len(names) + DRAWN_WEIGHT)
+    weight = 0.0 if recipe.kind in PLAIN else DRAWN_WEIGHT
+    pick, drawn = rng.random(), rng.random() >= len(names) / max(len(names) + weight, 1e-9)
     if recipe.make is not None and (assets is None or not names or drawn):
         return recipe.make(rng)
     return assets.model(names[int(pick * len(names))]) if assets is not None and names else None
