@@ -9,7 +9,7 @@ import torch
 
 from swardmap.errors import ConfigError, InputError, ModelError, OutputError
 from swardmap.train import loop
-from swardmap.train.checkpoint import load_network, read_checkpoint
+from swardmap.train.checkpoint import blended, load_network, read_checkpoint
 from swardmap.train.data import draw_batch, load_photos, make_codes
 from swardmap.train.loop import start_run, train, train_step
 from swardmap.train.recipe import recipe_from_dict
@@ -122,6 +122,8 @@ def test_a_run_may_begin_from_anothers_weights(
     for key, value in run.network.named_parameters():  # learnt nothing, so it is where it began
         torch.testing.assert_close(value, begun[key])
     assert train(again, data_root, tmp_path / "second", silent).step == 2
+    kept = read_checkpoint(tmp_path / "second/start.pt")["average"]
+    assert all(torch.equal(kept[key], value) for key, value in begun.items())
     other = tiny_recipe(steps=2, encoder="resnet18", imagenet=False) | {"start": start}
     binary = tiny_recipe(steps=1, classes="grass-obstacle", activation="sigmoid") | {"start": start}
     binary["schedule"] = binary["schedule"] | still  # other classes: all but the head is taken
@@ -185,3 +187,23 @@ def test_a_device_or_folder_that_cannot_be_is_said(
     (tmp_path / "run/last.partial").mkdir(parents=True)  # nothing can be written there
     with pytest.raises(OutputError, match=r"cannot write .*last.pt"):
         train(recipe, data_root, tmp_path / "run", silent)
+
+
+def test_blended_weights_lie_between_those_of_two_checkpoints(
+    data_root: Path, tiny_recipe: MakeRecipe, tmp_path: Path
+) -> None:
+    for seed, name in enumerate(("a", "b")):
+        tree = tiny_recipe(steps=2)
+        tree["schedule"] |= {"seed": seed}
+        train(recipe_from_dict(tree), data_root, tmp_path / name, silent)
+    b = read_checkpoint(tmp_path / "b/best.pt")["average"]
+    for share in (0.0, 0.25, 1.0):
+        network, _, state = load_network(tmp_path / "a/best.pt")
+        blended(network, tmp_path / "b/best.pt", share)
+        for key, value in network.state_dict().items():
+            if value.is_floating_point():
+                torch.testing.assert_close(value, (1 - share) * state["average"][key] + share * b[key])
+    other = tiny_recipe(steps=1, decoder_channels=24)
+    train(recipe_from_dict(other), data_root, tmp_path / "other", silent)
+    with pytest.raises(ModelError, match="expected a checkpoint of the same network"):
+        blended(network, tmp_path / "other/best.pt", 0.5)

@@ -22,6 +22,10 @@ def export(
     grass_bias: Annotated[
         float, typer.Option(help="Added to grass's logit: less grass missed, more obstacles called grass.")
     ] = 0.0,
+    blend: Annotated[
+        Path | None, typer.Option(help="Checkpoint to mix in, such as the start.pt of a fine-tuning.")
+    ] = None,
+    blend_share: Annotated[float, typer.Option(min=0, max=1, help="Its share of the weights.")] = 0.5,
     max_loss: Annotated[float, typer.Option(help="Points of grass IoU that INT8 may cost.")] = 0.5,
     as_json: Json = False,
 ) -> None:
@@ -32,7 +36,8 @@ def export(
     require("torch", "train")
     from swardmap.train.release import release
 
-    result = release(checkpoint, data, out, int8, images, size, grass_bias)
+    mixed = None if blend is None else (blend, blend_share)
+    result = release(checkpoint, data, out, int8, images, size, grass_bias, mixed)
     if as_json:
         print(json.dumps(result, indent=2))
     else:

@@ -27,8 +27,8 @@ def train(
     Many GPUs: torchrun --nproc-per-node 4 -m swardmap train ...
     """
     torch = require("torch", "train")
-    from swardmap.train.loop import join_processes
     from swardmap.train.loop import train as run_training
+    from swardmap.train.processes import join_processes
     from swardmap.train.recipe import load_recipe
 
     chosen = load_recipe(recipe)

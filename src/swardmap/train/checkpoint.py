@@ -58,6 +58,12 @@ def save_progress(run: Run, out: Path, value: float) -> None:
         )
 
 
+def save_start(run: Run, path: Path) -> None:
+    """Write the weights that a run began with as a checkpoint, for `blended`."""
+    head = {"version": CHECKPOINT_VERSION, "recipe": recipe_to_dict(run.recipe), "digest": run.recipe.digest}
+    _save(head | {"step": 0, "best": -1.0, "history": [], "average": run.average}, path)
+
+
 def restore(run: Run, path: Path) -> None:
     """Go on from a checkpoint of the same recipe.
 
@@ -124,6 +130,27 @@ def load_network(path: Path) -> tuple[DeepLabV3Plus, Recipe, dict[str, Any]]:
     network = build_network(recipe, pretrained=False)
     network.load_state_dict(state["average"])
     return network.eval(), recipe, state
+
+
+def blended(network: DeepLabV3Plus, path: Path, share: float) -> None:
+    """Move a network's weights towards those of a checkpoint, such as the one its training began from.
+
+    Between the start and the end of a fine-tuning there are often weights that are better on what the
+    start knew and almost as good on what was learnt (Wortsman et al., Robust fine-tuning, CVPR 2022).
+
+    Args:
+        network: changed in place.
+        path: the checkpoint.
+        share: of the checkpoint, 0 (nothing changes) to 1.
+
+    Raises:
+        ModelError: for a file that is no checkpoint, or one of another network.
+    """
+    own, other = network.state_dict(), read_checkpoint(path)["average"]
+    if {k: v.shape for k, v in own.items()} != {k: v.shape for k, v in other.items()}:
+        raise ModelError(f"{path}: expected a checkpoint of the same network, got another")
+    mixed = {k: v.lerp(other[k].to(v), share) if v.is_floating_point() else v for k, v in own.items()}
+    network.load_state_dict(mixed)
 
 
 def _shape(value: Any) -> tuple[int, ...] | None:

@@ -4,10 +4,8 @@ A step depends only on the weights before it, the recipe and the step's number: 
 dropout are drawn from (seed, step). So a run that was killed and resumed ends with the same weights.
 """
 
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +19,13 @@ from swardmap.labels import VOID_ID
 from swardmap.models import bundled_network
 from swardmap.models.onnx import decide, preprocess
 from swardmap.train.build import build_network, network_spec
-from swardmap.train.checkpoint import Run, begin_from, make_folder, restore, save_progress
+from swardmap.train.checkpoint import Run, begin_from, make_folder, restore, save_progress, save_start
 from swardmap.train.data import Codes, PhotoSet, draw_batch, load_photos, make_codes
 from swardmap.train.loss import set_loss
 from swardmap.train.networks import DeepLabV3Plus
 from swardmap.train.photos import Photo
 from swardmap.train.pictures import write_pictures
+from swardmap.train.processes import join_processes, share_gradients
 from swardmap.train.recipe import Recipe
 from swardmap.train.score import Score
 from swardmap.train.unfold import unfold
@@ -34,9 +33,6 @@ from swardmap.types import Segmentation
 
 UNFOLDING_BATCHES = 8
 """Of 8 views each: enough for the statistics of the batch norms of a network that came from a file."""
-
-PATIENCE = timedelta(hours=6)
-"""For which processes wait for the first, while it validates or asks the teachers."""
 
 Report = Callable[[Mapping[str, Any]], None]
 
@@ -69,7 +65,8 @@ def train(recipe: Recipe, root: Path, out: Path, report: Report, device: str = "
     Args:
         recipe: what and how.
         root: folder the recipe's data folders are in.
-        out: gets `last.pt`, `best.pt`, `curve.json`, `curve.png` and `examples.png`.
+        out: gets `last.pt`, `best.pt`, `curve.json`, `curve.png`, `examples.png`; `start.pt` if the recipe
+            begins from other weights.
         report: told of each step's loss and each validation's figures.
         device: as torch names it.
 
@@ -87,6 +84,8 @@ def train(recipe: Recipe, root: Path, out: Path, report: Report, device: str = "
         restore(run, last)
     elif recipe.start:
         _begin(run, root, learn)
+        if rank == 0:
+            save_start(run, out / "start.pt")
     codes = make_codes(recipe)
     while run.step < recipe.schedule.steps:
         loss = train_step(run, learn, codes, rank, world)
@@ -101,35 +100,6 @@ def train(recipe: Recipe, root: Path, out: Path, report: Report, device: str = "
             save_progress(run, out, merit(figures, check))
             write_pictures(out, run.history, _examples(network, recipe, check, run.device))
     return run
-
-
-def _check_device(device: str) -> None:
-    try:
-        torch.zeros(1, device=device)
-    except (RuntimeError, AssertionError) as error:  # torch built without CUDA asserts
-        reason = str(error).splitlines()[0]
-        raise ConfigError(f"device '{device}': torch {torch.__version__} cannot use it ({reason})") from error
-
-
-def join_processes(device: str) -> tuple[int, int]:
-    """Rank and number of the processes that `torchrun` started; (0, 1) without it.
-
-    Each process takes a GPU of its own where they run on GPUs.
-
-    Raises:
-        ConfigError: if torch cannot run on the device.
-    """
-    _check_device(device)
-    world = int(os.environ.get("WORLD_SIZE", "1"))
-    if world == 1:
-        return 0, 1
-    on_gpu = torch.device(device).type == "cuda"
-    if on_gpu:
-        torch.cuda.set_device(int(os.environ.get("LOCAL_RANK", "0")))
-    if not torch.distributed.is_initialized():
-        backend = "nccl" if on_gpu else "gloo"
-        torch.distributed.init_process_group(backend, timeout=PATIENCE)
-    return torch.distributed.get_rank(), world
 
 
 def _begin(run: Run, root: Path, sets: Sequence[PhotoSet]) -> None:
@@ -168,7 +138,7 @@ def train_step(run: Run, sets: Sequence[PhotoSet], codes: Codes, rank: int = 0, 
         loss = loss + schedule.auxiliary_weight * total / (small != 255).sum().clamp(min=1)
     run.optimizer.zero_grad(set_to_none=True)
     loss.backward()
-    _share_gradients(run, world)
+    share_gradients(run.optimizer, world)
     nn.utils.clip_grad_norm_(run.network.parameters(), 5.0)
     run.optimizer.step()
     run.step += 1
@@ -237,18 +207,6 @@ def _tensors(views: Sequence[Photo], run: Run) -> tuple[Tensor, Tensor, Tensor]:
     x = ((images.float() / 255 - mean) / std).permute(0, 3, 1, 2)  # channels-last as it lies
     codes, fine = (torch.from_numpy(np.stack([getattr(v, k) for v in views])) for k in ("codes", "fine"))
     return x, codes.to(run.device), fine.to(run.device)
-
-
-def _share_gradients(run: Run, world: int) -> None:
-    """Every process steps along the mean of all gradients, so that their weights stay the same."""
-    if world == 1:
-        return
-    for group in run.optimizer.param_groups:
-        for parameter in group["params"]:
-            if parameter.grad is None:  # a collective needs every process
-                parameter.grad = torch.zeros_like(parameter)
-            torch.distributed.all_reduce(parameter.grad)
-            parameter.grad /= world
 
 
 @torch.no_grad()

@@ -1,13 +1,14 @@
 """The whole way from a checkpoint to a file one can ship: export, quantise, calibrate, measure."""
 
+from collections.abc import Mapping
 from dataclasses import replace
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
 from swardmap.train.build import add_grass_bias, network_spec
 from swardmap.train.check import check
-from swardmap.train.checkpoint import load_network
+from swardmap.train.checkpoint import blended, load_network
 from swardmap.train.data import load_photos
 from swardmap.train.export import export_onnx, fit_temperature, quantise, with_spec
 from swardmap.train.photos import Photo
@@ -21,6 +22,7 @@ def release(
     images: int = 64,
     size: tuple[int, int] | None = None,
     grass_bias: float = 0.0,
+    blend: tuple[Path, float] | None = None,
 ) -> dict[str, Any]:
     """Write `out`, and say what it costs and how good it is on the recipe's validation data.
 
@@ -33,21 +35,31 @@ def release(
         size: width and height of the input, if not the recipe's.
         grass_bias: added to the logit of classes that may be driven on, to trade grass missed for
             obstacles called grass; choose it on validation data.
+        blend: another checkpoint and its share of the weights, see `blended`.
 
     Returns:
         Figures of both precisions, the INT8 loss in points of grass IoU, temperature, size.
     """
     network, recipe, state = load_network(checkpoint)
+    if blend is not None:
+        blended(network, *blend)
     spec = network_spec(recipe)
     if size is not None:
         spec = replace(spec, width=size[0], height=size[1])
     sets = [{"name": d.name, "folder": d.folder, "weight": d.weight} for d in recipe.data if not d.validation]
-    training = {"recipe": recipe.name, "steps": state["step"], "data": sets, "grass_bias": grass_bias}
+    training: dict[str, Any] = {
+        "recipe": recipe.name,
+        "steps": state["step"],
+        "data": sets,
+        "grass_bias": grass_bias,
+    }
+    if blend is not None:
+        training["blend_share"] = blend[1]
     spec = replace(spec, training=training)
     add_grass_bias(network, spec, grass_bias)
     plain = out.with_suffix(".float32.onnx") if int8 else out
     difference = export_onnx(network, spec, plain)
-    held = [photo for s in load_photos(recipe, root, validation=True) for photo in s.photos]
+    held = {s.config.name: s.photos for s in load_photos(recipe, root, validation=True)}
     result: dict[str, Any] = {"file": str(out), "difference": difference}
     try:
         if held:
@@ -59,7 +71,7 @@ def release(
     finally:
         if int8:
             plain.unlink(missing_ok=True)
-    temperature = fit_temperature(out, held) if held else 1.0
+    temperature = fit_temperature(out, list(chain.from_iterable(held.values()))) if held else 1.0
     metrics = {k: result[k] for k in ("float32", "int8") if result.get(k)}
     with_spec(out, temperature=temperature, metrics=metrics)
     result.update(temperature=temperature, bytes=out.stat().st_size, int8_loss_points=_loss(result))
@@ -72,8 +84,15 @@ def _spread(recipe: Any, root: Path, count: int) -> list[Photo]:
     return list(islice(photos[:: max(1, len(photos) // count)], count))
 
 
-def _figures(path: Path, photos: list[Photo]) -> dict[str, float | None]:
-    return dict(check(path, photos).score.figures())
+def _figures(path: Path, held: Mapping[str, list[Photo]]) -> dict[str, float | None]:
+    """Figures of all photos together and, if there are several sets, of each."""
+    scores = {name: check(path, photos).score for name, photos in held.items()}
+    first, *rest = scores.values()
+    together = replace(first, counts=sum((s.counts for s in rest), first.counts))
+    figures = dict(together.figures())
+    if rest:
+        figures |= {f"{name}.{k}": v for name, score in scores.items() for k, v in score.figures().items()}
+    return figures
 
 
 def _loss(result: dict[str, Any]) -> float | None:
