@@ -2,7 +2,7 @@
 
 Ratios of sun to sky follow the illuminance of daylight: clear noon has about 100 klx from the sun and
 15-20 klx from the sky, an overcast day 10-20 klx, the time around sunset 1-10 klx, twilight below 0.5 klx.
-Radiances are scaled so that the mean of a garden on a clear day is near 0.35.
+Radiances are scaled so that the mean of a garden on a clear day is near 0.3.
 """
 
 from collections.abc import Callable
@@ -16,8 +16,10 @@ from swardmap.synth.model import Light
 RGB = tuple[float, float, float]
 Array = NDArray[np.float64]
 
+LEVEL = 1.8
+"""Of all radiances, so that the mean of a garden is as said."""
 NOON = 2.3
-"""Radiance of a white surface that faces the sun of a clear noon."""
+"""Radiance of a white surface that faces the sun of a clear noon, before `LEVEL`."""
 AIR = np.array([0.10, 0.16, 0.31])
 """Optical depth of clear air with some dust, for red, green and blue."""
 LAWN = np.array([0.09, 0.11, 0.045])
@@ -43,8 +45,8 @@ def sample_light(illumination: str, rng: np.random.Generator) -> Light:
 
 def _clear(rng: np.random.Generator) -> Light:
     elevation = rng.uniform(26, 63)
-    blue = np.array([0.20, 0.36, 0.72]) * rng.uniform(0.75, 1.05)
-    pale = _between([0.52, 0.66, 0.86], [0.66, 0.74, 0.84], rng) * rng.uniform(0.85, 1.1)
+    blue = np.array([0.22, 0.36, 0.63]) * rng.uniform(0.75, 1.05)
+    pale = _between([0.55, 0.66, 0.80], [0.66, 0.72, 0.78], rng) * rng.uniform(0.85, 1.1)
     sun = NOON * _through_air(elevation, rng.uniform(0.8, 1.2))
     return _light("clear", rng, elevation, sun, blue, pale, SUN_SIZE, rng.uniform(0.0, 0.35), 0.0006)
 
@@ -71,15 +73,15 @@ def _overcast(rng: np.random.Generator) -> Light:
 def _sunset(rng: np.random.Generator) -> Light:
     elevation = rng.uniform(4, 13)
     sun = NOON * _through_air(elevation, rng.uniform(0.75, 1.05))
-    zenith = np.array([0.13, 0.19, 0.34]) * rng.uniform(0.7, 1.1)
-    low = _between([0.50, 0.36, 0.25], [0.42, 0.38, 0.36], rng) * rng.uniform(0.8, 1.15)
+    zenith = np.array([0.20, 0.26, 0.42]) * rng.uniform(0.75, 1.15)
+    low = _between([0.58, 0.43, 0.30], [0.50, 0.46, 0.43], rng) * rng.uniform(0.85, 1.2)
     return _light("sunset", rng, elevation, sun, zenith, low, SUN_SIZE * 1.3, rng.uniform(0.1, 0.55), 0.0015)
 
 
 def _twilight(rng: np.random.Generator) -> Light:
     dim = float(np.exp(rng.uniform(np.log(0.05), np.log(0.13))))
-    zenith = dim * _between([0.28, 0.40, 0.66], [0.40, 0.46, 0.58], rng)
-    low = dim * _between([0.85, 0.70, 0.58], [0.58, 0.62, 0.70], rng)
+    zenith = dim * _between([0.26, 0.39, 0.68], [0.34, 0.43, 0.60], rng)
+    low = dim * _between([0.72, 0.67, 0.62], [0.50, 0.57, 0.70], rng)
     sun = dim * np.array([0.30, 0.24, 0.20])  # the bright side of the sky, where the sun went down
     return _light("twilight", rng, rng.uniform(8, 15), sun, zenith, low, 0.3, rng.uniform(0.1, 0.6), 0.002)
 
@@ -100,6 +102,7 @@ def _light(
     e, azimuth = np.deg2rad(elevation_deg), rng.uniform(0, 2 * np.pi)
     up = float(np.sin(e))
     direction = (float(np.cos(e) * np.cos(azimuth)), float(np.cos(e) * np.sin(azimuth)), up)
+    sun, zenith, horizon = LEVEL * sun, LEVEL * zenith, LEVEL * horizon
     back = LAWN * (sun * up + 0.5 * (zenith + horizon))
     return Light(
         name, direction, _rgb(sun), _rgb(zenith), _rgb(horizon), _rgb(back), float(softness), float(clouds),

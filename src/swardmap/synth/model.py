@@ -270,7 +270,7 @@ class Garden:
 
 @dataclass(frozen=True, slots=True)
 class Light:
-    """The light of a scene: sun, sky and air, as linear RGB; white sunlit lawn comes out near 1.
+    """The light of a scene: sun, sky and air, as linear RGB; a clear day in a garden has a mean near 0.3.
 
     Attributes:
         illumination: clear, cloudy, overcast, sunset or twilight, as in EDEN.

@@ -13,7 +13,7 @@ in float along;
 void main() {
 #ifdef RADIANCE
     float t = along > 0.0 ? min(along, 1.0) : 0.0;  // may be no number on slivers
-    vec3 from_sky = sky * mix(0.45, 1.2, t), total = from_sky + direct * mix(0.55, 1.2, t);
+    vec3 from_sky = sky * mix(0.55, 1.45, t), total = from_sky + direct * mix(0.65, 1.45, t);
     float part = dot(from_sky, vec3(0.3, 0.6, 0.1)) / max(dot(total, vec3(0.3, 0.6, 0.1)), 1e-6);
     radiance = vec4(mix(horizon.rgb, total, haze), part);
 #endif

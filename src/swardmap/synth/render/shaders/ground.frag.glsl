@@ -37,7 +37,7 @@ vec4 shaded(Place place, vec3 rel) {
     vec3 normal = unit(facing);
     vec3 albedo = albedo_at(xy, place, lawn);
     // near the camera blades stand on it and take their share of the light
-    if (lawn > 0.0) albedo *= mix(0.55, 1.0, smoothstep(4.0, 12.0, length(rel)));
+    if (lawn > 0.0) albedo *= mix(0.55, 0.74, smoothstep(4.0, 14.0, length(rel)));
     vec3 sky = albedo * ambient(normal);
     vec3 direct = albedo * sun.rgb * max(dot(normal, sun_direction.xyz), 0.0) * sunlit(rel, normal, 3);
     vec3 total = sky + direct;

@@ -13,12 +13,15 @@ void main() {
         vec3 white = horizon.rgb * 1.15 + sun.rgb * 0.12;
         color = mix(color, white, cover * smoothstep(0.0, 0.15, direction.z) * min(1.0, 3.0 * air.y));
     }
-    // woods around, far off
-    float around = atan(direction.y, direction.x);
-    float top = 0.035 + 0.05 * layered_noise(vec2(around * 9.0 + 50.0 * screen.w, 3.0), 5);
-    float inside = smoothstep(top, top - 0.004, direction.z);
-    vec3 woods = vec3(0.035, 0.05, 0.02) * (ambient(vec3(0.0, 0.0, 0.4)) + 0.35 * sun.rgb);
-    color = mix(color, mix(horizon.rgb, woods, 0.75), inside);
+    // woods around, far off: their outline, and crowns that catch the light
+    float around = atan(direction.y, direction.x), here = 50.0 * screen.w;
+    float outline = 0.75 * layered_noise(vec2(around * 6.0 + here, 3.0), 3) + 0.25 * layered_noise(vec2(around * 40.0 + here, 9.0), 3);
+    float top = 0.015 + 0.085 * outline;
+    float inside = smoothstep(top + 0.002, top - 0.003, direction.z);
+    float crowns = layered_noise(vec2(around * 70.0 + here, direction.z * 90.0), 3);
+    vec3 leaves = vec3(0.055, 0.085, 0.03) * (0.35 + 1.3 * crowns);
+    vec3 woods = leaves * (ambient(vec3(0.0, 0.0, 0.3)) + 0.5 * sun.rgb * max(sun_direction.z, 0.2));
+    color = mix(color, mix(horizon.rgb, woods, 0.92 * exp(-120.0 * air.x)), inside);
     radiance = vec4(color, 0.0);
 #ifdef TRUTH
     depth_m = 0.0;
