@@ -9,6 +9,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from swardmap.config import Config, config_from_dict
 from swardmap.geometry import Intrinsics, Pose, deproject
+from swardmap.grid import GridSpec, OccupancyGrid
 from swardmap.io.ros_fields import rosbags_message
 from swardmap.labels import MapClass
 from swardmap.models.oracle import open_segmenter
@@ -19,6 +20,7 @@ from swardmap.ros.clouds import (
     frame_points,
     labelled_cloud_fields,
     marked_by_depth_m,
+    obstacle_cells_fields,
     obstacle_cloud_fields,
 )
 from swardmap.synth.analytic import garden_scene, lane_poses, render
@@ -140,3 +142,18 @@ def test_heights_are_those_of_the_map(flat_lawn: tuple[Frame, Segmentation], org
     points = frame_points(frame, segmentation, frame.T_map_camera, config.cloud)
     _, xyz, _ = read(labelled_cloud_fields(points, 0, "c", organised))
     assert not np.isfinite(xyz).any()  # the lawn lies at z = 0
+
+
+def test_obstacle_cells_are_the_obstacles_of_the_map_that_are_near() -> None:
+    spec = GridSpec(0.5, 6, 4, (-1.0, 2.0), "map")
+    classes = np.zeros(spec.shape, np.uint8)
+    classes[0, 0], classes[1, 2], classes[3, 5], classes[2, 2] = 2, 3, 2, 1
+    fields = obstacle_cells_fields(OccupancyGrid(spec, classes, 7_000_000_001), (0.0, 2.5), 1.5)
+    _, xyz, labels = read(fields)
+    # centres by hand: cell (0, 0) at (-0.75, 2.25), (2, 1) at (0.25, 2.75); (5, 3) at (1.75, 3.75) is too far
+    np.testing.assert_allclose(xyz, [[-0.75, 2.25, 0.0], [0.25, 2.75, 0.0]])
+    assert labels.tolist() == [MapClass.OBSTACLE, MapClass.PERSON]
+    assert fields["header"]["frame_id"] == "map"
+    assert fields["header"]["stamp"] == {"sec": 7, "nanosec": 1}
+    empty = obstacle_cells_fields(OccupancyGrid.unknown(spec), (0.0, 2.5), 1.5)
+    assert len(read(empty)[1]) == 0

@@ -73,7 +73,8 @@ def test_what_cannot_be_right_is_refused(values: dict[str, Any], expected: str) 
 SAFE: dict[str, Any] = {
     "cloud.max_range_m": 6.0, "cloud.consistent_neighbours": 2, "costmap.margin_m": 0.3,
     "costmap.inflation_radius_m": 0.8, "segmenter.min_confidence": 0.5, "geometry.enabled": True,
-    "geometry.min_height_m": 0.2, "organised_cloud": True, "map_rate_hz": 2.0, "full_map_s": 0.0,
+    "geometry.min_height_m": 0.2, "organised_cloud": True, "obstacle_cells_range_m": 5.0,
+    "map_rate_hz": 2.0, "full_map_s": 0.0,
     "pose_wait_ms": 100.0, "save_folder": "elsewhere", "grid.min_points": 2,
 }  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""The point clouds that the node publishes, as fields of sensor_msgs/PointCloud2; ROS is not needed."""
+"""The point clouds that the node publishes, of frames and of the map, as fields of sensor_msgs/PointCloud2; ROS is not needed."""
 
 from dataclasses import dataclass
 
@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from swardmap.cloud import consistent_depth, crop_range
 from swardmap.config import CloudConfig
 from swardmap.geometry import Pose, deproject, transform_points
+from swardmap.grid import OccupancyGrid
 from swardmap.io.ros_fields import Fields, point_cloud_fields
 from swardmap.labels import VOID_ID, LabelSet, MapClass
 from swardmap.pipeline import StepResult
@@ -115,3 +116,27 @@ def marked_by_depth_m(step: StepResult) -> NDArray[np.float32]:
     ground = np.nan_to_num(step.geometry.ground_m[rows, columns])
     xyz = np.concatenate([xy, ground[:, None] + ABOVE_GROUND_M], axis=-1)
     return step.T_map_camera.inverse().apply(xyz).astype(np.float32)
+
+
+def obstacle_cells_fields(grid: OccupancyGrid, around_m: tuple[float, float], range_m: float) -> Fields:
+    """The map's obstacles as points, for who takes clouds but no grids: Nav2's collision monitor.
+
+    Unlike the clouds of frames they are those of all cameras, and hold what a camera has seen before and
+    cannot see now.
+
+    Args:
+        grid: the map.
+        around_m: (x, y) of the robot.
+        range_m: cells farther than this are left out.
+
+    Returns:
+        sensor_msgs/PointCloud2 of cell centres in the map frame, z = 0, label 2 obstacle, 3 person; with the
+        map's stamp.
+    """
+    rows, columns = np.nonzero(grid.is_obstacle)
+    xy = grid.spec.center_of(np.stack([columns, rows], axis=-1))
+    near = np.hypot(*(xy - np.asarray(around_m)).T) <= range_m
+    xyz = np.zeros((int(near.sum()), 3), np.float32)
+    xyz[:, :2] = xy[near]
+    labels = grid.classes[rows[near], columns[near]]
+    return point_cloud_fields(xyz, labels, grid.stamp_ns, grid.spec.frame_id)

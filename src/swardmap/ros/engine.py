@@ -50,6 +50,10 @@ class _Given:
 class Engine:
     """One map, its watchdog, and the segmenter of all cameras.
 
+    Attributes:
+        left_out, mapped: counts of frames, by reason and by camera.
+        viewpoint_m: (x, y) in the map of the camera whose frame was mapped last.
+
     Args:
         config: all settings.
         segmenter: used by the worker alone.
@@ -79,6 +83,7 @@ class Engine:
         self._newest_ns: int
         self._version = 0
         self._cleared: GridSpec | None = None
+        self.viewpoint_m = 0.0, 0.0
         self._begin(living)
 
     def map_frame(self, camera: str, frame: Frame, arrival_ns: int) -> StepResult | None:
@@ -104,6 +109,8 @@ class Engine:
                 return None
             self._newest_ns = max(self._newest_ns, frame.stamp_ns)
             step = self._step(replace(frame, stamp_ns=self._newest_ns), segmentation)
+            x, y, _ = step.T_map_camera.position_m.tolist()
+            self.viewpoint_m = x, y
         self.mapped[camera] += 1
         timings_ms = step.timings_ms | {"segment": segment_ms}
         return replace(step, frame=frame, timings_ms=timings_ms)

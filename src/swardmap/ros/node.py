@@ -329,4 +329,6 @@ class RobotNode:
         grid = session.engine.snapshot(forget_ns)
         if grid is not None:
             costmap = session.engine.costmap(grid)
-            outputs.publish_map(grid, costmap, time.monotonic(), session.parameters.node.full_map_s)
+            node = session.parameters.node
+            outputs.publish_map(grid, costmap, time.monotonic(), node.full_map_s)
+            outputs.publish_cells(grid, session.engine.viewpoint_m, node.obstacle_cells_range_m)

@@ -14,7 +14,13 @@ from swardmap.health import HealthReport, Severity
 from swardmap.io.ros_fields import occupancy_grid_fields
 from swardmap.labels import LabelSet
 from swardmap.ros import messages
-from swardmap.ros.clouds import frame_points, labelled_cloud_fields, marked_by_depth_m, obstacle_cloud_fields
+from swardmap.ros.clouds import (
+    frame_points,
+    labelled_cloud_fields,
+    marked_by_depth_m,
+    obstacle_cells_fields,
+    obstacle_cloud_fields,
+)
 from swardmap.ros.messages import ros_message
 from swardmap.ros.session import Mapped
 from swardmap.ros.topics import Types, latched_qos
@@ -96,6 +102,7 @@ class Outputs:
         }
         self._map = GridChannel(node, "~/map", types["updates"])
         self._costmap = GridChannel(node, "~/costmap", types["updates"])
+        self._cells = node.create_publisher(PointCloud2, "~/obstacle_cells", depth)
         self._stop = node.create_publisher(Bool, "~/stop", latched_qos())
         self._health = node.create_publisher(String, "~/health_json", 10)
         self._more: list[Any] = []
@@ -119,7 +126,13 @@ class Outputs:
     def destroy(self) -> None:
         """Take all publishers back."""
         grids = [*self._map.publishers, *self._costmap.publishers]
-        rest = [self._stop, self._health, *self._more, *([self._diagnostics] if self._diagnostics else [])]
+        rest = [
+            self._cells,
+            self._stop,
+            self._health,
+            *self._more,
+            *([self._diagnostics] if self._diagnostics else []),
+        ]
         for publisher in (*self._of_camera.values(), *grids, *rest):
             self._node.destroy_publisher(publisher)
 
@@ -150,6 +163,11 @@ class Outputs:
         if costmap is not None:
             values = occupancy_from_costs(costmap.costs)
             self._costmap.publish(values, costmap.spec, costmap.stamp_ns, now_s, full_s)
+
+    def publish_cells(self, grid: OccupancyGrid, around_m: tuple[float, float], range_m: float) -> None:
+        """Obstacles of the map near the robot, as a cloud."""
+        if self._cells.get_subscription_count():
+            self._cells.publish(ros_message(self._cloud, obstacle_cells_fields(grid, around_m, range_m)))
 
     def publish_health(self, report: HealthReport, facts: Mapping[str, object]) -> None:
         """Stop flag, diagnoses and latency."""

@@ -53,6 +53,9 @@ class NodeConfig(Checked):
     full_map_s: float = setting(
         2.0, "a whole map that often, updates of what changed between; 0 = always whole", minimum=0
     )
+    obstacle_cells_range_m: float = setting(
+        10.0, "obstacles of the map this near to the camera are given as a cloud, too", minimum=0
+    )
     organised_cloud: bool = setting(False, "one point a pixel, NaN where there is none")
     save_folder: str = setting("swardmap_maps", "where the service save writes: one new folder a call")
     autostart: bool = setting(True, "configure and activate at once; false: a lifecycle manager does it")
