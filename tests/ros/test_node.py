@@ -1,9 +1,9 @@
 """The node over real DDS on loopback: a separate program plays a recording and receives every output."""
 
-import importlib.util
 import json
 from collections.abc import Iterator
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +20,13 @@ from swardmap.io.ros_fields import camera_info_fields, image_fields, odometry_fi
 from swardmap.models import build_segmenter
 from swardmap.pipeline import ObstacleMapper
 from swardmap.recording import MapRun, map_recording
+from swardmap.ros.outputs import OF_CAMERA, OF_NODE
 from swardmap.synth.analytic import AnalyticSource, garden_scene, lane_poses
 from tests.bags import IMAGE, INFO, ODOMETRY, Event, write_bag
 from tests.ros import drive
 from tests.ros.node_process import RELIABLY, running
 
-if importlib.util.find_spec("rclpy") is None:
+if find_spec("rclpy") is None:
     pytest.skip("rclpy is not installed (pip install 'swardmap[ros]')", allow_module_level=True)
 
 pytestmark = pytest.mark.slow
@@ -78,12 +79,27 @@ def assert_same_map(heard: dict[str, Any], offline: MapRun) -> None:
     assert resolution_m == pytest.approx(offline.grid.spec.resolution_m)
 
 
+def assert_published(topics: dict[str, list[str]], namespace: str) -> None:
+    """What the node publishes is what the documents and the files for Nav2 name."""
+    there = {name.removeprefix(f"{namespace}/swardmap/"): types for name, types in topics.items()}
+    expected = {name: [kind] for name, kind in OF_NODE.items()}
+    expected |= {f"camera/{name}": [kind] for name, kind in OF_CAMERA.items()}
+    missing = set(expected) - set(there)
+    may_lack = [("map_msgs", {"map_updates", "costmap_updates"}), ("vision_msgs", {"label_info"})]
+    allowed = {name for package, names in may_lack if find_spec(package) is None for name in names}
+    assert missing == allowed | ({"labels_json"} if find_spec("vision_msgs") is not None else set())
+    assert there["/diagnostics"] == ["diagnostic_msgs/msg/DiagnosticArray"]
+    for name in set(expected) - missing:
+        assert there[name] == expected[name]
+
+
 def test_every_output_equals_the_map_of_the_recording(bag: Path, offline: MapRun, tmp_path: Path) -> None:
     config = config_from_dict(SETTINGS)
     with running(tmp_path, SETTINGS, RELIABLY) as robot:
         heard, told = robot.play(bag)
-        saved, other = robot.ask(["call", "save"], ["state"])
+        saved, other, topics = robot.ask(["call", "save"], ["state"], ["topics"])
         assert other == "active"
+        assert_published(topics, robot.namespace)
         assert saved[0], saved[1]
         assert_same_map(heard, offline)
         assert offline.grid is not None

@@ -53,6 +53,13 @@ def test_declared_values_make_the_parameters_again() -> None:
     assert parameters_from({d.name: d.value for d in declarations(base)}) == base
 
 
+def test_the_word_none_takes_a_value_away_where_there_may_be_none() -> None:
+    assert parameters_from({"watchdog.frozen_s": "none"}).config.watchdog.frozen_s is None
+    assert parameters_from({"rig_file": "none"}).node.rig_file is None
+    with pytest.raises(ConfigError, match="stale_s"):
+        parameters_from({"watchdog.stale_s": "none"})
+
+
 @pytest.mark.parametrize(
     ("values", "expected"),
     [

@@ -16,6 +16,8 @@ from swardmap.cli.evaluate import evaluate_command
 from swardmap.cli.export import export
 from swardmap.cli.map import EXAMPLES as MAP_EXAMPLES
 from swardmap.cli.map import map_command
+from swardmap.cli.nav2 import EXAMPLES as NAV2_EXAMPLES
+from swardmap.cli.nav2 import nav2_command
 from swardmap.cli.record import EXAMPLES as RECORD_EXAMPLES
 from swardmap.cli.record import record_command
 from swardmap.cli.ros import EXAMPLES as ROS_EXAMPLES
@@ -63,6 +65,7 @@ app.command("synth", epilog=SYNTH_EXAMPLES)(synth)
 app.command("train")(train)
 app.command("export")(export)
 app.command("ros", epilog=ROS_EXAMPLES)(ros_command)
+app.command("nav2", epilog=NAV2_EXAMPLES)(nav2_command)
 app.command("config")(config)
 app.command("doctor")(doctor)
 

@@ -1,4 +1,4 @@
-"""The point clouds that the node publishes, of frames and of the map, as fields of sensor_msgs/PointCloud2; ROS is not needed."""
+"""The point clouds of frames and of the map, as fields of sensor_msgs/PointCloud2; ROS is not needed."""
 
 from dataclasses import dataclass
 

@@ -88,13 +88,13 @@ def mask_fields(
 
 
 def label_info_fields(label_set: LabelSet, stamp_ns: int, frame_id: str) -> Fields:
-    """vision_msgs/LabelInfo: the classes of the mask by id and name."""
-    classes = [{"class_id": c.id, "class_name": c.name} for c in label_set.classes]
+    """vision_msgs/LabelInfo: the classes of the mask by id and name; 255 is what has no label there."""
+    classes = [{"class_id": c.id, "class_name": c.name} for c in label_set.classes if c.id != VOID_ID]
     return {"header": header_fields(stamp_ns, frame_id), "class_map": classes, "threshold": 0.0}
 
 
 def label_info_json(label_set: LabelSet) -> str:
-    """The same as JSON, for a ROS without vision_msgs: id, name and role of each class."""
+    """The same as JSON, for a ROS without vision_msgs: id, name and role of each class, void too."""
     return json.dumps([{"class_id": c.id, "class_name": c.name, "role": c.role} for c in label_set.classes])
 
 

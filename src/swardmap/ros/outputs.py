@@ -28,6 +28,20 @@ from swardmap.ros.topics import Types, latched_qos
 LEVELS = {Severity.OK: messages.OK, Severity.WARN: messages.WARN, Severity.STOP: messages.ERROR}
 
 
+IMAGE, CLOUD = "sensor_msgs/msg/Image", "sensor_msgs/msg/PointCloud2"
+GRID, UPDATE = "nav_msgs/msg/OccupancyGrid", "map_msgs/msg/OccupancyGridUpdate"
+
+OF_CAMERA: Mapping[str, str] = {"mask": IMAGE, "confidence": IMAGE, "cloud": CLOUD, "obstacles": CLOUD}
+"""Topics below ~/CAMERA, and their types."""
+
+OF_NODE: Mapping[str, str] = {
+    "map": GRID, "map_updates": UPDATE, "costmap": GRID, "costmap_updates": UPDATE, "obstacle_cells": CLOUD,
+    "stop": "std_msgs/msg/Bool", "health_json": "std_msgs/msg/String",
+    "label_info": "vision_msgs/msg/LabelInfo", "labels_json": "std_msgs/msg/String",
+}  # fmt: skip
+"""Topics below ~; without map_msgs there are no updates, and labels are told by one of two."""
+
+
 class GridChannel:
     """A grid on two topics: whole, latched; and what changed since, as map_msgs/OccupancyGridUpdate.
 

@@ -1,7 +1,7 @@
 """The node's parameters: the whole configuration under its own names, and what only a node needs.
 
 `grid.resolution_m` of a file for `swardmap map` is `grid.resolution_m` of the node. ROS has no null: a
-parameter that may be none is declared without a value.
+parameter that may be none is declared without a value, and the word `none` takes its value away.
 """
 
 import dataclasses
@@ -20,6 +20,9 @@ LEFT_OUT = frozenset(
      "source.label_table", "source.level"}
 )  # fmt: skip
 """Sections and settings of the configuration that mean nothing to a node: those of recordings and files."""
+
+
+NONE = "none"
 
 
 @dataclass(frozen=True)
@@ -118,6 +121,9 @@ def _walk(section: Any, prefix: str) -> Iterator[Declaration]:
         yield Declaration(name, plain, about, optional, *limits)
 
 
+MAY_BE_NONE = frozenset(d.name for d in declarations(Parameters()) if d.optional)
+
+
 def parameters_from(values: Mapping[str, Any], base: Parameters | None = None) -> Parameters:
     """Parameters with some of their values replaced.
 
@@ -135,6 +141,8 @@ def parameters_from(values: Mapping[str, Any], base: Parameters | None = None) -
     of_node = dataclasses.asdict(base.node)
     for name, value in values.items():
         plain = value if value is None or isinstance(value, (str, bool, int, float)) else list(value)
+        if plain == NONE and name in MAY_BE_NONE:
+            plain = None
         if name in own:
             of_node[name] = plain
             continue

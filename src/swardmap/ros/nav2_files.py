@@ -1,0 +1,110 @@
+"""Ready parameter files for Nav2 and the node, filled in with the margin, radii and cameras of a robot.
+
+The templates are in `swardmap/data/nav2`; what they name is held against Nav2's source by
+`tests/ros/test_nav2_files.py`.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from string import Template
+
+from swardmap.config import Config
+from swardmap.errors import InvalidValueError
+
+FOLDER = Path(__file__).parent.parent / "data" / "nav2"
+
+NAMES = ("swardmap", "map", "costs", "obstacles", "stvl", "semantic", "collision_monitor")
+"""Files, without their ending .yaml."""
+
+FRESH_S = 0.5
+"""A camera's clouds are older than this when something is wrong."""
+
+COMMENT_COLUMN = 48
+
+BLOCK_BEGIN, BLOCK_END = "#{ camera\n", "#}\n"
+
+
+def nav2_files(
+    config: Config,
+    cameras: Sequence[str] = ("camera",),
+    namespace: str = "",
+    base_frame: str = "base_link",
+    map_frame: str = "map",
+) -> dict[str, str]:
+    """The text of each file, by its name.
+
+    Args:
+        config: margin, radii, resolution and limits of the cloud.
+        cameras: names; one alone must always be fresh, of several some may look the other way and rest.
+        namespace: of the node, such as `/mower1`; empty = none.
+        base_frame: of the robot.
+        map_frame: of the poses.
+
+    Raises:
+        InvalidValueError: for a namespace that ROS does not take, or no camera.
+    """
+    if namespace and (not namespace.startswith("/") or namespace.endswith("/")):
+        raise InvalidValueError(
+            f"namespace: expected it to begin with / and not to end so, got '{namespace}'"
+        )
+    if not cameras:
+        raise InvalidValueError("expected at least one camera, got none")
+    values = _values(config) | {
+        "namespace": namespace, "base_frame": base_frame, "map_frame": map_frame,
+        "update_s": repr(FRESH_S if len(cameras) == 1 else 0.0),
+    }  # fmt: skip
+    return {f"{name}.yaml": _filled(name, values, cameras) for name in NAMES}
+
+
+def write_nav2_files(folder: str | Path, files: Mapping[str, str]) -> None:
+    """Write them into a folder; files that are there already are left alone.
+
+    Raises:
+        OutputError: if one of them exists, or cannot be written.
+    """
+    from swardmap.errors import OutputError
+    from swardmap.io.files import write_text
+
+    for name in files:
+        if (Path(folder) / name).exists():
+            raise OutputError(f"{Path(folder) / name} exists: name another folder, or take it away")
+    for name, text in files.items():
+        write_text(Path(folder) / name, text)
+
+
+def _values(config: Config) -> dict[str, str]:
+    """Numbers of the configuration, as YAML that ROS takes for a float."""
+    costs, cloud = config.costmap, config.cloud
+    person_m = costs.margin_m if costs.person_margin_m is None else costs.person_margin_m
+    margin_m = max(costs.margin_m, person_m)  # Nav2 does not know persons from other obstacles
+    numbers = {
+        "margin_m": margin_m, "robot_radius_m": costs.inscribed_radius_m,
+        "own_inflation_radius_m": costs.inflation_radius_m,
+        "inflation_radius_m": costs.inflation_radius_m + margin_m,
+        "stop_radius_m": costs.inscribed_radius_m + margin_m,
+        "cost_scaling_factor": costs.cost_scaling_factor, "resolution_m": config.grid.resolution_m,
+        "min_height_m": cloud.min_height_m, "max_height_m": cloud.max_height_m,
+        "min_range_m": cloud.min_range_m, "max_range_m": cloud.max_range_m,
+    }  # fmt: skip
+    told = "persons, the larger" if person_m > costs.margin_m else "costmap.margin_m"
+    return {name: repr(round(float(value), 6)) for name, value in numbers.items()} | {"margin_of": told}
+
+
+def _filled(name: str, values: Mapping[str, str], cameras: Sequence[str]) -> str:
+    text = (FOLDER / f"{name}.yaml").read_text(encoding="utf-8")
+    sources = (
+        cameras if name == "semantic" else [f"{c}_{what}" for c in cameras for what in ("mark", "clear")]
+    )
+    if BLOCK_BEGIN in text:
+        before, _, rest = text.partition(BLOCK_BEGIN)
+        block, _, after = rest.partition(BLOCK_END)
+        text = before + "".join(block.replace("${camera}", c).replace("$camera", c) for c in cameras) + after
+    return "".join(
+        map(_aligned, Template(text).substitute(values, sources=" ".join(sources)).splitlines(True))
+    )
+
+
+def _aligned(line: str) -> str:
+    """The comment behind a value where the others are, however long the value has become."""
+    value, sign, comment = line.partition("# ")
+    return line if not (value.strip() and sign) else f"{value.rstrip():<{COMMENT_COLUMN}}# {comment}"
