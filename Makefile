@@ -25,7 +25,7 @@ test-slow: $(READY)       ## the slow tests
 
 test-ros:                 ## the ROS 2 node over real DDS; skipped where there are no wheels of ROS
 	$(PYTHON) -m venv $(VENV_ROS)
-	$(VENV_ROS)/bin/python -m pip install --quiet --disable-pip-version-check --editable '.[dev,gps]'
+	$(VENV_ROS)/bin/python -m pip install --quiet --disable-pip-version-check --editable '.[dev,gps]' colcon-ros
 	@if $(VENV_ROS)/bin/python -m pip install --quiet --disable-pip-version-check --editable '.[dev,gps,ros]'; then \
 	  $(VENV_ROS)/bin/python -m pytest -m 'slow or not slow' tests/ros; \
 	else \

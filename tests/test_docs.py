@@ -76,7 +76,7 @@ def test_pages_that_are_named_exist(page: str) -> None:
 def test_commands_have_the_options_that_are_shown(page: str) -> None:
     verbs = getattr(get_command(app), "commands")  # noqa: B009 - typer's type hides them
     for command in commands(TEXTS[page]):
-        words = command[1:]
+        words = command[1 : command.index("--") if "--" in command else None]
         assert words, page
         if words[0].startswith("--"):
             assert words[0] in ("--help", "--version"), f"{page}: {command}"

@@ -37,6 +37,8 @@ def answer(node: Any, words: list[Any]) -> Any:
     if what == "get":
         said = ask(node, GetParameters, "get_parameters", GetParameters.Request(names=[rest[0]]))
         return said.values[0].double_value
+    if what == "nodes":
+        return [f"{namespace}/{name}" for name, namespace in node.get_node_names_and_namespaces()]
     if what == "topics":
         found = node.get_publisher_names_and_types_by_node("swardmap", sys.argv[1])
         return dict(found)

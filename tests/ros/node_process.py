@@ -60,6 +60,8 @@ class Robot:
         """What happened at each fault, by its name."""
         out = self.folder / f"{uuid.uuid4().hex}.json"
         program("faults", str(out), self.namespace, str(self.process.pid), *faults, timeout_s=1500)
+        if "terminated" in faults:
+            self.process.wait(timeout=60)
         told: dict[str, Any] = json.loads(out.read_text())
         return told
 
@@ -77,7 +79,8 @@ def running(folder: Path, settings: dict[str, Any], node: dict[str, Any]) -> Ite
     # ROS parameters are YAML, and so is JSON
     file.write_text(json.dumps({"/**": {"ros__parameters": node | settings}}))
     command = [sys.executable, "-m", "swardmap", "ros", "--params", str(file)]
-    remapped = ["--", "-r", f"__ns:={namespace}", "-r", "/odom:=odom"]
+    remapped = ["--", "-r", f"__ns:={namespace}", "-r", "/odom:=odom", "-r", "/tf:=tf"]
+    remapped += ["-r", "/tf_static:=tf_static"]
     with subprocess.Popen([*command, *remapped], env=environment(), text=True, cwd=folder) as process:
         try:
             yield Robot(process, namespace, folder)

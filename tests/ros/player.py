@@ -4,6 +4,7 @@ python -m tests.ros.player BAG OUT.npz NAMESPACE [--drop 0.3] [--late 0.0] [--co
 """
 
 import argparse
+import importlib
 import json
 import random
 import struct
@@ -21,7 +22,20 @@ from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_msgs.msg import Bool, String
 
+
+def optional(module: str, name: str) -> Any:
+    """A message type, or None where this ROS lacks it."""
+    try:
+        return getattr(importlib.import_module(module), name)
+    except ImportError:
+        return None
+
+
+LabelInfo = optional("vision_msgs.msg", "LabelInfo")
+OccupancyGridUpdate = optional("map_msgs.msg", "OccupancyGridUpdate")
+
 TYPES = {
+    "tf2_msgs/msg/TFMessage": optional("tf2_msgs.msg", "TFMessage"),
     "sensor_msgs/msg/Image": Image,
     "sensor_msgs/msg/CameraInfo": CameraInfo,
     "nav_msgs/msg/Odometry": Odometry,
@@ -31,17 +45,24 @@ SETTLED = 10
 
 OF_FRAMES = ("mask", "confidence", "cloud", "obstacles")
 STAMP = struct.Struct("<iI")
+TF_COUNT = 4
+"""Bytes before the stamp of the first of a message of transforms: how many there are."""
+
 LATCHED = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
 
 
-def restamped(data: bytes, shift_ns: int) -> bytes:
-    """The same message at another time: the stamp is the first field of its header, behind 4 bytes of CDR."""
-    sec, nanosec = STAMP.unpack_from(data, 4)
+def restamped(data: bytes, shift_ns: int, tf: bool = False) -> bytes:
+    """The same message at another time: the stamp is the first field of its header, behind 4 bytes of CDR.
+
+    Of a message of transforms there must be one alone.
+    """
+    at = 4 + (TF_COUNT if tf else 0)
+    sec, nanosec = STAMP.unpack_from(data, at)
     stamp = sec * 1_000_000_000 + nanosec + shift_ns
     out = bytearray(data)
-    STAMP.pack_into(out, 4, stamp // 1_000_000_000, stamp % 1_000_000_000)
+    STAMP.pack_into(out, at, stamp // 1_000_000_000, stamp % 1_000_000_000)
     return bytes(out)
 
 
@@ -52,7 +73,7 @@ class Ears:
         self.heard: dict[str, Any] = {}
         self.stops: list[tuple[float, bool]] = []
         self.health: list[dict[str, Any]] = []
-        self.diagnostics = 0
+        self.diagnostics = self.updates = 0
         self.shift_ns = 0
         for camera in cameras:
             at = "" if camera == "camera" else f"{camera}/"
@@ -67,6 +88,13 @@ class Ears:
         node.create_subscription(Bool, "swardmap/stop", self.stop, LATCHED)
         node.create_subscription(String, "swardmap/health_json", self.say, 50)
         node.create_subscription(String, "swardmap/labels_json", self.labels, LATCHED)
+        if LabelInfo is not None:
+            node.create_subscription(LabelInfo, "swardmap/label_info", self.label_info, LATCHED)
+        if OccupancyGridUpdate is not None:
+            for kind in ("map", "costmap"):
+                node.create_subscription(
+                    OccupancyGridUpdate, f"swardmap/{kind}_updates", self.update(kind), 50
+                )
         node.create_subscription(DiagnosticArray, "/diagnostics", self.diagnose, 50)
 
     def complete(self, cameras: list[str], last_ns: int) -> bool:
@@ -116,10 +144,23 @@ class Ears:
             self.heard[f"{kind}/{stamp}"] = values
             self.heard[f"{kind}_at/{stamp}"] = np.array([origin.x, origin.y, m.info.resolution])
             self.heard[f"{kind}_last"] = values
+            self.heard[f"{kind}_patched"] = values.copy()
             most = self.heard.get(f"{kind}_most", values)  # the one with the most free cells
             self.heard[f"{kind}_most"] = max(most, values, key=lambda v: int((v == 0).sum()))
 
         return take
+
+    def update(self, kind: str) -> Any:
+        def take(m: Any) -> None:
+            part = np.array(m.data, np.int8).reshape(m.height, m.width)
+            self.heard[f"{kind}_patched"][m.y : m.y + m.height, m.x : m.x + m.width] = part
+            self.updates += 1
+
+        return take
+
+    def label_info(self, m: Any) -> None:
+        named = [{"class_id": c.class_id, "class_name": c.class_name} for c in m.class_map]
+        self.heard["labels"] = np.array(json.dumps(named))
 
     def stop(self, m: Any) -> None:
         self.stops.append((time.time(), m.data))
@@ -163,7 +204,10 @@ def main() -> int:
         messages = [(t, c.topic, c.msgtype, bytes(data)) for c, t, data in reader.messages()]
     sends = QoSProfile(depth=50, reliability=ReliabilityPolicy.RELIABLE)
     pubs = {
-        topic: node.create_publisher(TYPES[kind], topic.lstrip("/"), sends) for _, topic, kind, _ in messages
+        topic: node.create_publisher(
+            TYPES[kind], topic.lstrip("/"), LATCHED if topic == "/tf_static" else sends
+        )
+        for _, topic, kind, _ in messages
     }
     wanted = {f"{camera}/{kind}" for camera in cameras for kind in OF_FRAMES}
 
@@ -186,7 +230,7 @@ def main() -> int:
             if args.late and "odom" in topic:
                 later.append((time.time() + args.late, topic, data))
             else:
-                pubs[topic].publish(restamped(data, ears.shift_ns))
+                pubs[topic].publish(restamped(data, ears.shift_ns, topic.startswith("/tf")))
         for due, topic, data in [item for item in later if item[0] <= time.time()]:
             pubs[topic].publish(restamped(data, ears.shift_ns))
             later.remove((due, topic, data))
@@ -194,7 +238,8 @@ def main() -> int:
         until(node, lambda due=due: time.time() >= due, 10)
         pubs[topic].publish(restamped(data, ears.shift_ns))
     until(node, lambda: ears.complete(cameras, max(times)), args.wait)
-    told = {"health": ears.health, "stops": ears.stops, "diagnostics": ears.diagnostics}
+    told = {"health": ears.health, "stops": ears.stops, "diagnostics": ears.diagnostics,
+            "updates": ears.updates}  # fmt: skip
     np.savez(args.out, told=json.dumps(told), **ears.heard)
     node.destroy_node()
     rclpy.shutdown()

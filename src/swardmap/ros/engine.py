@@ -9,7 +9,6 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from time import perf_counter
 
 from swardmap.config import Config
 from swardmap.costmap import Costmap
@@ -21,6 +20,7 @@ from swardmap.health import Diagnosis, HealthReport, frame_stats
 from swardmap.labels import LabelSet
 from swardmap.living import LivingMap
 from swardmap.pipeline import ObstacleMapper, Segmenter, StepResult, configured_mount
+from swardmap.ros.stage_times import StageTimes
 from swardmap.types import Frame, Segmentation
 from swardmap.watchdog import Watchdog
 from swardmap.work_area import WorkArea
@@ -52,6 +52,7 @@ class Engine:
 
     Attributes:
         left_out, mapped: counts of frames, by reason and by camera.
+        stages: what takes how long.
         viewpoint_m: (x, y) in the map of the camera whose frame was mapped last.
 
     Args:
@@ -74,6 +75,7 @@ class Engine:
         self.segmenter = segmenter
         self.left_out: Counter[str] = Counter()
         self.mapped: Counter[str] = Counter()
+        self.stages = StageTimes()
         self._mounts, self._area = dict(mounts), area
         self._map_lock, self._watch_lock = threading.Lock(), threading.Lock()
         self._watchdog = Watchdog(tuple(mounts), config.watchdog)
@@ -98,10 +100,10 @@ class Engine:
         if not self.watch_frame(camera, frame, arrival_ns):
             self.left_out[REASON_UNFIT] += 1
             return None
-        version, started = self._version, perf_counter()
-        segmentation = self.segmenter(frame)
-        segment_ms = 1e3 * (perf_counter() - started)
-        with self._map_lock:
+        version = self._version
+        with self.stages.measured("segment"):
+            segmentation = self.segmenter(frame)
+        with self._map_lock, self.stages.measured("map"):
             if version != self._version:  # cleared meanwhile
                 return None
             if self._newest_ns - frame.stamp_ns > LATE_NS:
@@ -112,12 +114,12 @@ class Engine:
             x, y, _ = step.T_map_camera.position_m.tolist()
             self.viewpoint_m = x, y
         self.mapped[camera] += 1
-        timings_ms = step.timings_ms | {"segment": segment_ms}
-        return replace(step, frame=frame, timings_ms=timings_ms)
+        return replace(step, frame=frame)
 
     def watch_frame(self, camera: str, frame: Frame, arrival_ns: int) -> bool:
         """Let the watchdog look at a frame; returns whether it may go into the map."""
-        stats = frame_stats(frame, arrival_ns, self._mounts.get(camera))
+        with self.stages.measured("watch"):
+            stats = frame_stats(frame, arrival_ns, self._mounts.get(camera))
         with self._watch_lock:
             return self._watchdog.observe_frame(camera, stats)
 

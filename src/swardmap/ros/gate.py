@@ -13,6 +13,9 @@ from swardmap.errors import ConfigError
 from swardmap.geometry import Pose
 from swardmap.settings import Checked, setting
 
+EDGE_M = 1e-6
+"""What lies on the edge of the zone is in it, however it was rounded."""
+
 STANDING_MPS, STANDING_RPS = 1e-3, 1e-3
 """Slower than this nobody moves."""
 
@@ -113,17 +116,18 @@ def nearest_in_zone_m(
         command: what it is to do.
         config: its size, and how it brakes.
     """
+    edge_m = EDGE_M + config.margin_m
     to_base = T_map_base.inverse().matrix
     points = np.column_stack([cells_m, np.full(len(cells_m), T_map_base.position_m[2])])
     x, y = (points @ to_base[:3, :3].T + to_base[:3, 3])[:, :2].T
-    speed, margin_m = command.forward_mps, config.margin_m
-    way_m = reach_m(abs(speed), config) + margin_m
+    speed = command.forward_mps
+    way_m = reach_m(abs(speed), config) + edge_m
     inside = np.zeros(len(cells_m), bool)
     if speed >= STANDING_MPS:
-        inside = (x >= 0) & (x <= config.front_m + way_m)
+        inside = (x >= -EDGE_M) & (x <= config.front_m + way_m)
     elif speed <= -STANDING_MPS:
-        inside = (x <= 0) & (x >= -config.rear_m - way_m)
-    inside &= np.abs(y) <= config.half_width_m + margin_m
+        inside = (x <= EDGE_M) & (x >= -config.rear_m - way_m)
+    inside &= np.abs(y) <= config.half_width_m + edge_m
     if abs(command.turn_rps) >= STANDING_RPS:
-        inside |= np.hypot(x, y) <= config.turn_radius_m + margin_m
+        inside |= np.hypot(x, y) <= config.turn_radius_m + edge_m
     return float(np.hypot(x, y)[inside].min()) if inside.any() else None

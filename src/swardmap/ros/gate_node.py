@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from swardmap.errors import ConfigError, SwardmapError
 from swardmap.io.ros_messages import pose_from_odometry
 from swardmap.ros.gate import Command, GateConfig, Known, refusal
 from swardmap.ros.topics import rclpy_module
@@ -116,12 +117,15 @@ def run_gate(arguments: Sequence[str] = ()) -> None:
 
     Raises:
         MissingExtraError: if there is no rclpy.
-        ConfigError: if a parameter is out of range.
+        ConfigError: if a parameter is out of range, or a ROS argument wrong.
     """
     rclpy = rclpy_module()
     from rclpy.executors import ExternalShutdownException
 
-    rclpy.init(args=[sys.argv[0], *arguments])
+    try:
+        rclpy.init(args=[sys.argv[0], *arguments])
+    except RuntimeError as error:  # a parameter file that is none, a remapping that is misspelt
+        raise ConfigError(f"ROS arguments: {' '.join(str(error).split())}") from error
     try:
         rclpy.spin(GateNode().node)
     except (KeyboardInterrupt, ExternalShutdownException):
@@ -132,7 +136,10 @@ def run_gate(arguments: Sequence[str] = ()) -> None:
 
 def main() -> None:
     """Entry point of `ros2 run swardmap_ros gate`."""
-    run_gate(sys.argv[1:])
+    try:
+        run_gate(sys.argv[1:])
+    except SwardmapError as error:
+        raise SystemExit(f"swardmap: {error}") from error
 
 
 if __name__ == "__main__":

@@ -315,12 +315,15 @@ class RobotNode:
             mapped = session.process(WORKER_WAITS_S)
             if mapped is not None:
                 session.mapped(mapped.pair, self._now_ns())
-                outputs.publish_frame(mapped, session.engine.config, session.parameters.node.organised_cloud)
+                organised = session.parameters.node.organised_cloud
+                with session.stages.measured("publish"):
+                    outputs.publish_frame(mapped, session.engine.config, organised)
 
     def _publish_maps(self) -> None:
         session, outputs = self.session, self._outputs
         while session is not None and outputs is not None and self._active.is_set():
-            self._publish_map(session, outputs)
+            with session.stages.measured("maps"):
+                self._publish_map(session, outputs)
             time.sleep(1 / session.parameters.node.map_rate_hz)
 
     def _publish_map(self, session: Session, outputs: Outputs, nothing_free: bool = False) -> None:
@@ -330,5 +333,6 @@ class RobotNode:
         if grid is not None:
             costmap = session.engine.costmap(grid)
             node = session.parameters.node
-            outputs.publish_map(grid, costmap, time.monotonic(), node.full_map_s)
+            full_s = 0.0 if nothing_free else node.full_map_s  # who comes later is given the last whole one
+            outputs.publish_map(grid, costmap, time.monotonic(), full_s)
             outputs.publish_cells(grid, session.engine.viewpoint_m, node.obstacle_cells_range_m)

@@ -6,9 +6,13 @@ from typing import Any
 from swardmap.config import SourceConfig
 from swardmap.errors import InputError
 from swardmap.geometry import Pose
-from swardmap.io.bag_poses import MAP_FRAMES, add_message
+from swardmap.io.bag_poses import add_message
 from swardmap.io.ros_messages import stamp_ns, vectors
 from swardmap.io.tf import ALWAYS_NS, TransformBuffer
+
+MAP_FRAME = "map"
+"""The frame of the map where nobody says another. A recording may fall back on odom, since all of its tree is
+known; here the part of the tree above odom may yet come, and a map does not change its frame."""
 
 MEMORY_NS = 10_000_000_000
 """Transforms older than this are forgotten, as tf2 does."""
@@ -31,9 +35,9 @@ class LivePoses:
         self._newest_ns = 0
 
     @property
-    def map_frame(self) -> str | None:
-        """The frame of the map; None until it is known."""
-        return self._map_frame
+    def map_frame(self) -> str:
+        """The frame of the map."""
+        return self._map_frame or MAP_FRAME
 
     @property
     def base_frame(self) -> str | None:
@@ -77,21 +81,23 @@ class LivePoses:
 
     def lookup(self, frame: str, at_ns: int) -> Pose | None:
         """T_map_frame at a time; None if it is not known (yet)."""
-        for map_frame in self._candidates():
-            try:
-                pose = self._buffer.lookup(map_frame, frame, at_ns, self._tolerance_ns)
-            except InputError as error:
-                self._refuse(error)
-                return None
-            if pose is not None:
-                self._map_frame = map_frame  # a map does not change its frame
-                return pose
-        return None
+        try:
+            return self._buffer.lookup(self.map_frame, frame, at_ns, self._tolerance_ns)
+        except InputError as error:
+            self._refuse(error)
+            return None
+
+    def missing(self, frame: str) -> str:
+        """Why there is no pose of a frame, for a person."""
+        heard = ", ".join(sorted(self._buffer.frames)) or "none"
+        return (
+            f"no pose of '{frame}' in '{self.map_frame}' at the time of the image; frames heard of: {heard} "
+            "(source.map_frame names the map's)"
+        )
 
     def newest_ns(self, frame: str) -> int | None:
         """Newest time at which a lookup of a frame can succeed; None if never, ALWAYS_NS if nothing moves."""
-        found = [self._buffer.newest_ns(map_frame, frame) for map_frame in self._candidates()]
-        return next((newest for newest in found if newest is not None), None)
+        return self._buffer.newest_ns(self.map_frame, frame)
 
     def between(self, parent: str, child: str) -> Pose | None:
         """T_parent_child of two frames of one camera, which do not move against each other."""
@@ -108,9 +114,6 @@ class LivePoses:
             return False
         self._static[child.strip("/")] = parent, child, place, turn
         return True
-
-    def _candidates(self) -> tuple[str, ...]:
-        return (self._map_frame,) if self._map_frame else MAP_FRAMES
 
     def _take(self, message: Any) -> None:
         try:

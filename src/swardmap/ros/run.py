@@ -5,7 +5,7 @@ import sys
 import threading
 from collections.abc import Sequence
 
-from swardmap.errors import ConfigError, InputError
+from swardmap.errors import ConfigError, InputError, SwardmapError
 from swardmap.ros.parameters import Parameters
 from swardmap.ros.topics import rclpy_module
 
@@ -22,7 +22,7 @@ def run_node(defaults: Parameters | None = None, arguments: Sequence[str] = ()) 
 
     Raises:
         MissingExtraError: if there is no rclpy.
-        ConfigError: if parameters are wrong.
+        ConfigError: if parameters or ROS arguments are wrong.
         InputError: if the node cannot be configured; its log says why.
     """
     rclpy = rclpy_module()
@@ -32,7 +32,10 @@ def run_node(defaults: Parameters | None = None, arguments: Sequence[str] = ()) 
 
     from swardmap.ros.node import RobotNode
 
-    rclpy.init(args=[sys.argv[0], *arguments], signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        rclpy.init(args=[sys.argv[0], *arguments], signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:  # a parameter file that is none, a remapping that is misspelt
+        raise ConfigError(f"ROS arguments: {' '.join(str(error).split())}") from error
     ended = _on_signals()
     robot = None
     try:
@@ -72,4 +75,7 @@ def _on_signals() -> threading.Event:
 
 def main() -> None:
     """Entry point of `ros2 run swardmap_ros swardmap`: ROS arguments as they come."""
-    run_node(None, sys.argv[1:])
+    try:
+        run_node(None, sys.argv[1:])
+    except SwardmapError as error:
+        raise SystemExit(f"swardmap: {error}") from error

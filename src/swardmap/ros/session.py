@@ -109,6 +109,7 @@ class Session:
         self._newest_ns: dict[str, int] = {}
         self._optical: dict[str, str] = {}
         self._dropped = 0
+        self.stages = self.engine.stages
 
     @property
     def active_names(self) -> tuple[str, ...]:
@@ -129,7 +130,7 @@ class Session:
         """Numbers for whoever wants to know, beside the report."""
         told: dict[str, object] = {
             "mapped": dict(self.engine.mapped), "left_out": self.skipped, "active": list(self.active_names),
-            "paused": self.paused, "error": self.last_error,
+            "paused": self.paused, "error": self.last_error, "stages_ms": self.stages.means_ms,
         }  # fmt: skip
         if self.active is not None:
             told |= {"direction": self.active.selector.direction, "dropped": dict(self.active.dropped)}
@@ -194,6 +195,7 @@ class Session:
                     self._waiting.append(pair)
                     continue
                 self._skipped[REASON_POSE] += 1
+                self.last_error = self.poses.missing(pair.color_frame)
             self._hand_over(pair, T_map_camera)
 
     def process(self, timeout_s: float) -> Mapped | None:
@@ -203,7 +205,8 @@ class Session:
             return None
         pair = job.pair
         try:
-            frame = self.inputs[pair.camera].build_frame(pair, job.T_map_camera, job.T_color_depth)
+            with self.stages.measured("decode"):
+                frame = self.inputs[pair.camera].build_frame(pair, job.T_map_camera, job.T_color_depth)
             if job.lost:
                 self.engine.watch_frame(pair.camera, frame, pair.arrival_ns)
                 return None
