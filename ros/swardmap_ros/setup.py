@@ -7,7 +7,7 @@ NAME = "swardmap_ros"
 setup(
     name=NAME,
     version="0.1.0",
-    description="From RGB-D cameras to an obstacle map for Nav2: starts the node of the Python package swardmap.",
+    description="From RGB-D cameras to an obstacle map for Nav2: starts the node of the package swardmap.",
     license="Apache-2.0",
     packages=[],
     data_files=[
