@@ -151,6 +151,9 @@ def test_demo_from_the_command_line(tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "d/map.png").stat().st_size > 1000
+    assert len(list((tmp_path / "d/frames").glob("*.png"))) == 2
+    assert "masks: accuracy" in done.stdout
+    assert (tmp_path / "d/evaluation/report.html").stat().st_size > 10_000
     again = subprocess.run(command, capture_output=True, text=True, check=False)
     assert again.returncode == 1
     assert "--overwrite" in again.stderr
@@ -181,7 +184,7 @@ def test_a_broken_settings_file_is_told_in_one_line(
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_stopped_run_keeps_what_it_finished(tmp_path: Path, number: signal.Signals) -> None:
-    command = [sys.executable, "-m", "swardmap", "demo", "--frames", "500", "-o", str(tmp_path / "out"),
+    command = [sys.executable, "-m", "swardmap", "demo", "--no-evaluate", "-o", str(tmp_path / "out"),
                "--set", "output.pictures=1"]  # fmt: skip
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as running:
         while not any(tmp_path.glob(".out.*/frames/*.png")):

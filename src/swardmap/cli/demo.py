@@ -1,36 +1,63 @@
-"""`swardmap demo`: the main job on a scene that the package makes itself."""
+"""`swardmap demo`: the main job on a drive that comes with the package, and how far its map can go wrong."""
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
+from swardmap.cli.evaluate import summary_text
 from swardmap.cli.map import report
 from swardmap.cli.options import ConfigFile, Json, Overwrite, Progress, Settings, settings
+from swardmap.config import Config
+
+RECORDING = Path(__file__).parent.parent / "data" / "demo"
+"""A rendered drive in our folder layout, with true labels; `tools/demo_recording.py` films it."""
 
 
 def demo(
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.")] = Path("demo"),
-    frames: Annotated[int, typer.Option(min=1, max=500, help="Frames to drive.")] = 24,
-    seed: Annotated[int, typer.Option(help="Of the garden.")] = 0,
+    frames: Annotated[int | None, typer.Option(min=1, help="Only the first so many frames.")] = None,
+    evaluation: Annotated[
+        bool, typer.Option("--evaluate/--no-evaluate", help="Compare the maps with the truth too.")
+    ] = True,
     config: ConfigFile = None,
     set_: Settings = None,
     overwrite: Overwrite = False,
     as_json: Json = False,
 ) -> None:
-    """Drive a mower through a small garden with exact truth and map it: no network, no weights, no data.
+    """Map a drive through a rendered garden, and measure the map: no network, no weights, no data needed.
 
     Example: swardmap demo -o demo/
     """
-    chosen = settings(config, ["segmenter.name=colour", *(set_ or [])])
+    # few enough frames for a picture of each
+    chosen = settings(config, ["output.pictures=1", f"source.stop={json.dumps(frames)}", *(set_ or [])])
 
+    from swardmap.io import open_source
     from swardmap.recording import map_recording
-    from swardmap.synth.analytic import AnalyticSource, garden_scene, lane_poses
-    from swardmap.synth.analytic_noise import StereoNoise
 
-    lane = tuple(lane_poses(frames, step_m=0.2))
-    source = AnalyticSource(garden_scene(seed), lane, noise=StereoNoise(), seed=seed)
-    with Progress(frames, quiet=as_json) as on_step:
+    source = open_source(RECORDING, chosen.source)
+    with Progress(source.frame_count, quiet=as_json) as on_step:
         run = map_recording(source, out, chosen, overwrite=overwrite, on_step=on_step)
-    print(json.dumps(run.summary, indent=2) if as_json else report(run.summary, out))
+    found = _evaluated(out / "evaluation", chosen) if evaluation else None
+    if as_json:
+        print(json.dumps(run.summary | {"evaluation": found}, indent=2, allow_nan=False))
+        return
+    print(report(run.summary, out))
+    if found is not None:
+        print(summary_text(found, out / "evaluation"))
+
+
+def _evaluated(out: Path, config: Config) -> dict[str, Any]:
+    """The same drive against its true labels; what `swardmap evaluate` writes, in this process."""
+    from swardmap.eval.dataset import DatasetSpec
+    from swardmap.eval.output import write_results
+    from swardmap.eval.report import report_html
+    from swardmap.eval.results import results
+    from swardmap.eval.run import evaluate, make_plan
+
+    plan = make_plan(DatasetSpec(str(RECORDING), config.source), config)
+    records = evaluate(plan, out, workers=1)
+    found = results(plan, records, command="swardmap demo")
+    write_results(out, plan, records, found, report_html(plan, found))
+    return found
