@@ -1,29 +1,35 @@
 """Geometry beside semantics: what each finds, what both find, and what it costs a frame.
 
-    python benchmarks/bench_geometry.py            # about a minute
+    python benchmarks/bench_geometry.py                      # some minutes
+    python benchmarks/bench_geometry.py --gardens gardens/   # of `swardmap synth`, with the package's network
 
 Analytic scenes with exact truth, depth with stereo noise (sigma 2 mm at 1 m, growing with the square of
 the depth, holes, flying pixels), and a network that errs: a share of every solid's surface and some
 whole solids are called grass, and some of the lawn an obstacle. The reference of each frame is made of
-exact depth and true labels; a hole counts as an obstacle.
+exact depth and true labels; a hole counts as an obstacle. All settings are those shipped, but for geometry,
+which is on.
 """
 
 import argparse
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from swardmap.config import CloudConfig, Config, GeometryConfig
+from swardmap.config import Config, GeometryConfig, SegmenterConfig
 from swardmap.eval.dmin import find_misses
 from swardmap.eval.maps import dense, frame_map, spec_of, true_segmentation
 from swardmap.geometry import Pose
 from swardmap.grid import OccupancyGrid
 from swardmap.ground import observe_ground
+from swardmap.io import open_source
 from swardmap.labels import GRASS, GRASS_OBSTACLE_PERSON, OTHER, PERSON, MapClass
+from swardmap.models import build_segmenter
+from swardmap.roads import fused_grid
 from swardmap.synth.analytic import (
     VGA,
     Box,
@@ -39,8 +45,7 @@ from swardmap.synth.analytic import (
 from swardmap.synth.analytic_render import cast
 from swardmap.types import Frame, Segmentation
 
-CLOUD = CloudConfig(min_height_m=-4.0, max_height_m=4.0)  # the slopes rise and fall beyond the defaults
-CONFIG = Config(cloud=CLOUD, geometry=GeometryConfig(enabled=True))
+CONFIG = Config(geometry=GeometryConfig(enabled=True))
 SHARE_OF_SURFACE, SHARE_OF_SOLIDS, SHARE_OF_LAWN = 0.2, 0.2, 0.004
 
 
@@ -143,8 +148,25 @@ def _rays(frame: Frame) -> NDArray[np.float64]:
     return np.asarray(ray_x[None, :, None] * R[:, 0] + ray_y[:, None, None] * R[:, 1] + R[:, 2], np.float64)
 
 
-def frames(case: Case, poses: list[Pose], seed: int = 0) -> Iterator[tuple[Frame, Frame, Segmentation]]:
-    """Exact frame, frame of the sensor, and the mask of the network, in a world that slopes."""
+@dataclass(frozen=True)
+class Shown:
+    """One view.
+
+    Attributes:
+        exact: frame with exact depth and true labels.
+        noisy: as the sensor gives it.
+        mask: as the network gives it.
+        above_lawn: what makes true heights above the lawn of points of the camera; None = z of the map.
+    """
+
+    exact: Frame
+    noisy: Frame
+    mask: Segmentation
+    above_lawn: NDArray[np.float32] | None = None
+
+
+def frames(case: Case, poses: list[Pose], seed: int = 0) -> Iterator[Shown]:
+    """A case as it is seen, in a world that slopes."""
     turn = tilt(case.slope_deg, case.roll_deg)
     for i, pose in enumerate(poses):
         rng = np.random.default_rng([seed, i])
@@ -154,7 +176,7 @@ def frames(case: Case, poses: list[Pose], seed: int = 0) -> Iterator[tuple[Frame
         there = Pose("map", "camera", turn @ pose.matrix)
         surface = cast(case.scene.at(exact.stamp_ns), case.scene.patches, VGA, pose).surface
         mask = erring(exact, surface, rng)
-        yield exact.with_pose(there), noisy.with_pose(there), mask
+        yield Shown(exact.with_pose(there), noisy.with_pose(there), mask, pose.matrix[2].astype(np.float32))
 
 
 KERB = Scene((Box((4.0, 0.0), (0.2, 9.0, 0.2)),), name="kerb")
@@ -231,21 +253,24 @@ class Tally:
         ]
 
 
-def measure(case: Case, poses: list[Pose], config: Config = CONFIG) -> dict[str, Tally]:
-    """Semantics alone, geometry alone and both, over the frames of a case."""
+def measure(views: Iterable[Shown], config: Config = CONFIG) -> dict[str, Tally]:
+    """Semantics alone, geometry alone and both, over views of one case."""
     off = replace(config, geometry=GeometryConfig())
     found = {name: Tally() for name in ("semantics", "geometry", "both")}
-    for exact, noisy, mask in frames(case, poses):
+    for view in views:
+        exact, noisy, mask = view.exact, view.noisy, view.mask
         pose = noisy.T_map_camera
         assert pose is not None
         spec = spec_of(noisy, pose, config)
-        truth = frame_map(exact, true_segmentation(exact), pose, dense(config), spec).classes
+        limits, heights = dense(config).cloud, view.above_lawn
+        reference, _ = fused_grid(exact, true_segmentation(exact), pose, spec, limits, 1, 1, heights)
+        truth = reference.classes
         semantic = frame_map(noisy, mask, pose, off, spec)
+        both = frame_map(noisy, mask, pose, config, spec)
         marks = observe_ground(noisy, pose, spec, config.cloud, config.geometry, config.grid.min_points)
         # alone it clears nothing; to compare, what was seen and not marked is taken for grass here
-        alone = np.maximum(marks.grid.classes, (semantic.classes > 0).astype(np.uint8))
-        both = np.maximum(semantic.classes, marks.grid.classes)
-        for name, classes in (("semantics", semantic.classes), ("geometry", alone), ("both", both)):
+        alone = np.maximum(marks.grid.classes, (both.classes > 0).astype(np.uint8))
+        for name, classes in (("semantics", semantic.classes), ("geometry", alone), ("both", both.classes)):
             found[name].add(truth, classes, spec.resolution_m)
     return found
 
@@ -256,20 +281,40 @@ def main() -> None:
     )
     parser.add_argument("--frames", type=int, default=8)
     parser.add_argument("--rounds", type=int, default=60)
+    parser.add_argument("--gardens", type=Path, help="folder that `swardmap synth` made")
     arguments = parser.parse_args()
     poses = lane_poses(arguments.frames, step_m=0.15)
     head = ["FN %", "FP %", "d_min", "missed"]
     print(f"{'':<32}" + "".join(f"{name:^32}" for name in ("semantics", "geometry", "both")))
     print(f"{'':<32}" + "".join(f"{h:>8}" for h in head * 3))
+    if arguments.gardens is not None:
+        for name, views in rendered(arguments.gardens):
+            _print(name, measure(views))
+        return
     for case in cases():
-        found = measure(case, poses)
-        print(f"{case.name:<32}" + "".join(f"{c:>8}" for tally in found.values() for c in tally.columns()))
+        _print(case.name, measure(frames(case, poses)))
     speed(poses, arguments.rounds)
+
+
+def _print(name: str, found: dict[str, Tally]) -> None:
+    print(f"{name:<32}" + "".join(f"{c:>8}" for tally in found.values() for c in tally.columns()), flush=True)
+
+
+def rendered(folder: Path) -> Iterator[tuple[str, Iterator[Shown]]]:
+    """Every whole sequence of rendered gardens, with the masks of the package's network."""
+    network = build_segmenter(SegmenterConfig(), None)
+
+    def views(sequence: Path) -> Iterator[Shown]:
+        pairs = zip(open_source(sequence / "exact"), open_source(sequence), strict=True)
+        return (Shown(exact, noisy, network(noisy)) for exact, noisy in pairs)
+
+    for place in sorted((folder / "folder").glob("*/*/complete.json")):
+        yield f"{place.parent.parent.name} {place.parent.name}", views(place.parent)
 
 
 def speed(poses: list[Pose], rounds: int) -> None:
     """Median milliseconds a VGA frame, in turn."""
-    frames_of = [(noisy, mask) for _, noisy, mask in frames(Case("garden", garden_scene(0)), poses)]
+    frames_of = [(view.noisy, view.mask) for view in frames(Case("garden", garden_scene(0)), poses)]
     staged = replace(CONFIG, road="staged")
     off = replace(CONFIG, geometry=GeometryConfig())
 

@@ -34,7 +34,7 @@ def test_twins_agree_bit_for_bit(seed: int) -> None:
     points = rng.choice([0, 0, 0, 1, 2, 3, 4, 60], (*shape, 4)).astype(np.uint32)
     x, y, half, back = rng.uniform((-20, -20, 1, 0), (40, 40, 90, 0.4)).tolist()
     view = Viewpoint(x, y, half, back)
-    limits = {"obstacle_limit": float(rng.uniform(1, 30)), "clear_at": float(rng.uniform(0.1, 1))}
+    limits = {"obstacle_limit": float(rng.uniform(1, 30)), "clear_at": float(rng.uniform(0.1, 0.8))}
     min_points = int(rng.integers(1, 5))
     min_grass_points = int(rng.integers(1, 5))
     model = parameters(EvidenceConfig(**limits), min_points, min_grass_points)

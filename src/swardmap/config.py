@@ -229,12 +229,12 @@ class EvidenceConfig(Checked):
     half_confidence_m: float = setting(
         5.5, "distance at which a sighting counts half; falls on with its 4th power", minimum=0.01
     )
-    mark_at: float = setting(0.12, "evidence that makes a cell a hazard", minimum=0.001, maximum=30)
+    mark_at: float = setting(0.25, "evidence that makes a cell a hazard", minimum=0.001, maximum=30)
     free_at: float = setting(0.4, "evidence of grass that frees an unknown cell", minimum=0.001, maximum=30)
     clear_at: float = setting(0.7, "evidence of grass that clears a hazard", minimum=0.001, maximum=30)
     obstacle_limit: float = setting(4.0, "evidence of an obstacle is kept up to it", maximum=30)
     person_limit: float = setting(2.0, "the same of a person, who may walk on", maximum=30)
-    free_limit: float = setting(1.2, "the same of grass: what comes onto it must be seen soon", maximum=30)
+    free_limit: float = setting(0.8, "the same of grass: what comes onto it must be seen soon", maximum=30)
     window_m: float | None = setting(
         None, "edge of a square that follows the camera; none = the whole field is kept", minimum=0.1
     )
