@@ -285,8 +285,8 @@ def main() -> None:
     arguments = parser.parse_args()
     poses = lane_poses(arguments.frames, step_m=0.15)
     head = ["FN %", "FP %", "d_min", "missed"]
-    print(f"{'':<32}" + "".join(f"{name:^32}" for name in ("semantics", "geometry", "both")))
-    print(f"{'':<32}" + "".join(f"{h:>8}" for h in head * 3))
+    print(f"{'':<32}" + "".join(f"{name:^44}" for name in ("semantics", "geometry", "both")))
+    print(f"{'':<32}" + "".join(f"{h:>11}" for h in head * 3))
     if arguments.gardens is not None:
         for name, views in rendered(arguments.gardens):
             _print(name, measure(views))
@@ -297,7 +297,9 @@ def main() -> None:
 
 
 def _print(name: str, found: dict[str, Tally]) -> None:
-    print(f"{name:<32}" + "".join(f"{c:>8}" for tally in found.values() for c in tally.columns()), flush=True)
+    print(
+        f"{name:<32}" + "".join(f"{c:>11}" for tally in found.values() for c in tally.columns()), flush=True
+    )
 
 
 def rendered(folder: Path) -> Iterator[tuple[str, Iterator[Shown]]]:

@@ -80,8 +80,8 @@ def analytic_drive(seed: int, count: int, intrinsics: Intrinsics) -> Drive:
     )
 
 
-def rendered_drives(folder: Path) -> Iterator[Drive]:
-    """Every whole sequence of a folder that `swardmap synth` made; the truth is what exact frames have shown.
+def rendered_drives(folder: Path, leave_out: tuple[str, ...] = ()) -> Iterator[Drive]:
+    """The whole sequences of a folder that `swardmap synth` made; the truth is what exact frames have shown.
 
     That is the reference map of the paper's Sec. 4.3 over time: every pixel of the exact depth with its true
     label. A cell is an obstacle from the first frame on that shows one there; a person's cells are those of
@@ -89,6 +89,8 @@ def rendered_drives(folder: Path) -> Iterator[Drive]:
     """
     for place in sorted((folder / "folder").glob("*/*/complete.json")):
         sequence = place.parent
+        if sequence.parent.name in leave_out:
+            continue
         spec = read_map(sequence / "maps/scene.yaml").spec
         exact = open_source(sequence / "exact")
         frames = list(open_source(sequence))
