@@ -30,7 +30,12 @@ def test_every_setting_says_what_it_is_for() -> None:
 def test_precedence(tmp_path: Path) -> None:
     file = tmp_path / "mower.yaml"
     file.write_text("grid: {resolution_m: 0.2, min_points: 5}\ncloud: {max_range_m: 6}\n")
-    environment = {"SWARDMAP_GRID__MIN_POINTS": "7", "SWARDMAP_DATA": "/x", "HOME": "/"}
+    environment = {
+        "SWARDMAP_GRID__MIN_POINTS": "7",
+        "SWARDMAP_DATA": "/x",
+        "SWARDMAP_GARDEN_ASSETS": "/y",
+        "HOME": "/",
+    }
     config = load_config(file, environment, ["cloud.max_range_m=5"])
     assert (config.grid.resolution_m, config.grid.min_points, config.cloud.max_range_m) == (0.2, 7, 5.0)
     assert config.cloud.min_range_m == Config().cloud.min_range_m

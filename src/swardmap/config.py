@@ -16,7 +16,7 @@ from swardmap.errors import ConfigError
 from swardmap.settings import Checked, build, setting, yaml_lines
 
 ENVIRONMENT_PREFIX = "SWARDMAP_"
-NOT_SETTINGS = frozenset({"SWARDMAP_DATA"})
+NOT_SETTINGS = frozenset({"SWARDMAP_DATA", "SWARDMAP_GARDEN_ASSETS"})
 
 
 @dataclass(frozen=True)
