@@ -5,29 +5,32 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
-from swardmap.config import Config, config_from_dict
+from swardmap.config import CloudConfig, Config, config_from_dict
 from swardmap.geometry import Intrinsics, Pose, deproject
 from swardmap.grid import GridSpec, OccupancyGrid
 from swardmap.io.ros_fields import rosbags_message
-from swardmap.labels import MapClass
+from swardmap.labels import GRASS_OBSTACLE_PERSON, MapClass
 from swardmap.models.oracle import open_segmenter
 from swardmap.pipeline import ObstacleMapper, StepResult
 from swardmap.ros.clouds import (
     ABOVE_GROUND_M,
     FramePoints,
+    cloud_fields,
     frame_points,
-    labelled_cloud_fields,
     marked_by_depth_m,
     obstacle_cells_fields,
-    obstacle_cloud_fields,
+    organised_cloud_fields,
 )
-from swardmap.synth.analytic import garden_scene, lane_poses, render
+from swardmap.synth.analytic import StereoNoise, garden_scene, lane_poses, render, with_sensor_noise
 from swardmap.types import Frame, Segmentation
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 CLOUD = "sensor_msgs/msg/PointCloud2"
+AT = 5, "optical"
 SMALL = Intrinsics(80, 60, 57.5, 57.5, 39.5, 29.5)
 
 
@@ -38,6 +41,10 @@ def garden_step(config: Config) -> StepResult:
 
 def points_of(step: StepResult, config: Config) -> FramePoints:
     return frame_points(step.frame, step.segmentation, step.T_map_camera, config.cloud)
+
+
+def seen_in(step: StepResult, config: Config) -> tuple[Frame, Segmentation, Pose, CloudConfig]:
+    return step.frame, step.segmentation, step.T_map_camera, config.cloud
 
 
 def read(fields: dict[str, Any]) -> tuple[Any, Any, Any]:
@@ -61,7 +68,7 @@ def read(fields: dict[str, Any]) -> tuple[Any, Any, Any]:
 def test_the_cloud_is_the_one_the_map_is_made_of() -> None:
     config = Config()
     step = garden_step(config)
-    message, xyz, labels = read(labelled_cloud_fields(points_of(step, config), 5, "optical"))
+    message, xyz, labels = read(cloud_fields(*seen_in(step, config), AT))
     assert (message.height, message.header.frame_id, message.is_dense) == (1, "optical", True)
     expected = step.cloud(config)  # in the map frame, by the pipeline's own functions
     assert len(xyz) == len(expected) > 1000
@@ -73,7 +80,7 @@ def test_the_cloud_is_the_one_the_map_is_made_of() -> None:
 def test_an_organised_cloud_has_one_point_a_pixel() -> None:
     config = Config()
     step = garden_step(config)
-    message, xyz, labels = read(labelled_cloud_fields(points_of(step, config), 5, "optical", organised=True))
+    message, xyz, labels = read(organised_cloud_fields(points_of(step, config), 5, "optical"))
     assert (message.height, message.width, message.is_dense) == (60, 80, False)
     seen = np.isfinite(xyz).all(axis=1)
     of_pixels = deproject(step.frame.depth_m, SMALL).reshape(-1, 3)
@@ -86,7 +93,7 @@ def test_an_organised_cloud_has_one_point_a_pixel() -> None:
 def test_obstacle_points_fall_into_the_obstacle_cells_and_into_all_of_them() -> None:
     config = config_from_dict({"grid": {"min_points": 1}})
     step = garden_step(config)
-    _, xyz, _ = read(obstacle_cloud_fields(points_of(step, config), 5, "optical"))
+    _, xyz, _ = read(cloud_fields(*seen_in(step, config), AT, MapClass.OBSTACLE))
     in_map = Pose("map", "optical", step.T_map_camera.matrix).apply(xyz)
     cells = step.seen.spec.cell_of(in_map[:, :2])
     hit = np.zeros(step.seen.spec.shape, bool)
@@ -106,7 +113,7 @@ def test_what_depth_alone_marks_is_in_the_obstacle_cloud(
     step = ObstacleMapper(open_segmenter(config.segmenter, frame.label_set), config).step(blind)
     assert step.by_geometry is not None
     assert step.by_geometry.sum() > 20
-    fields = obstacle_cloud_fields(points_of(step, config), 5, "optical", marked_by_depth_m(step))
+    fields = cloud_fields(*seen_in(step, config), AT, MapClass.OBSTACLE, marked_by_depth_m(step))
     _, xyz, labels = read(fields)
     assert len(xyz) == step.by_geometry.sum()
     in_map = Pose("map", "optical", step.T_map_camera.matrix).apply(xyz)
@@ -120,6 +127,37 @@ def test_what_depth_alone_marks_is_in_the_obstacle_cloud(
     assert (table[labels] == MapClass.OBSTACLE).all()
 
 
+limits = st.fixed_dictionaries(
+    {
+        "consistent_neighbours": st.integers(0, 8),
+        "max_range_m": st.floats(0.5, 12.0),
+        "min_height_m": st.floats(-0.5, 0.2),
+        "max_height_m": st.floats(0.3, 2.0),
+        "consistency_relative": st.floats(0.0, 0.1),
+    }
+)
+
+
+@given(limits, st.sampled_from([MapClass.UNKNOWN, MapClass.OBSTACLE]), st.integers(0, 5), st.booleans())
+def test_the_compiled_cloud_is_its_numpy_twin_bit_for_bit(
+    settings: dict[str, Any], lowest: MapClass, seed: int, metres: bool
+) -> None:
+    rng = np.random.default_rng(seed)
+    frame = with_sensor_noise(render(garden_scene(0), SMALL, lane_poses(6)[seed]), rng, StereoNoise())
+    if metres:
+        frame = replace(frame, depth=frame.depth_m, depth_unit_m=1.0)
+    labels = rng.choice(np.array([0, 1, 2, 255], np.uint8), (30, 33))  # of another size, with void
+    segmentation = Segmentation(labels, GRASS_OBSTACLE_PERSON)
+    config = config_from_dict({"cloud": settings}).cloud
+    assert frame.T_map_camera is not None
+    seen = frame, segmentation, frame.T_map_camera, config
+    twin = frame_points(*seen)
+    wanted = twin.kept & (GRASS_OBSTACLE_PERSON.map_class_table[twin.labels] >= lowest)
+    _, xyz, found = read(cloud_fields(*seen, AT, lowest))
+    np.testing.assert_array_equal(xyz, twin.xyz[wanted])
+    np.testing.assert_array_equal(found, twin.labels[wanted])
+
+
 def test_without_geometry_nothing_is_added() -> None:
     assert marked_by_depth_m(garden_step(Config())).shape == (0, 3)
 
@@ -128,8 +166,8 @@ def test_a_frame_without_a_reading_gives_empty_clouds(flat_lawn: tuple[Frame, Se
     frame, segmentation = flat_lawn
     empty = replace(frame, depth=np.zeros_like(frame.depth))
     assert frame.T_map_camera is not None
-    points = frame_points(empty, segmentation, frame.T_map_camera, Config().cloud)
-    for fields in (labelled_cloud_fields(points, 0, "c"), obstacle_cloud_fields(points, 0, "c")):
+    for lowest in (MapClass.UNKNOWN, MapClass.OBSTACLE):
+        fields = cloud_fields(empty, segmentation, frame.T_map_camera, Config().cloud, AT, lowest)
         message, xyz, _ = read(fields)
         assert message.width == len(xyz) == 0
 
@@ -139,8 +177,9 @@ def test_heights_are_those_of_the_map(flat_lawn: tuple[Frame, Segmentation], org
     frame, segmentation = flat_lawn
     config = config_from_dict({"cloud": {"min_height_m": 0.5}})
     assert frame.T_map_camera is not None
-    points = frame_points(frame, segmentation, frame.T_map_camera, config.cloud)
-    _, xyz, _ = read(labelled_cloud_fields(points, 0, "c", organised))
+    seen = frame, segmentation, frame.T_map_camera, config.cloud
+    fields = organised_cloud_fields(frame_points(*seen), *AT) if organised else cloud_fields(*seen, AT)
+    _, xyz, _ = read(fields)
     assert not np.isfinite(xyz).any()  # the lawn lies at z = 0
 
 

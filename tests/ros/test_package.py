@@ -84,7 +84,7 @@ def built(folder: Path) -> Path:
         pytest.skip("colcon is not installed (pip install colcon-ros)")
     (folder / "src").mkdir()
     shutil.copytree(PACKAGE, folder / "src" / "swardmap_ros")
-    command = [sys.executable, "-m", "colcon", "build", "--packages-select", "swardmap_ros"]
+    command = [sys.executable, "-m", "colcon", "build"]
     subprocess.run(command, cwd=folder, check=True, timeout=250, stdout=subprocess.DEVNULL)
     return folder / "install" / "swardmap_ros"
 

@@ -12,7 +12,10 @@ from swardmap.grid import OccupancyGrid
 from swardmap.io.ros_fields import Fields, point_cloud_fields
 from swardmap.labels import VOID_ID, LabelSet, MapClass
 from swardmap.pipeline import StepResult
-from swardmap.types import Frame, Segmentation
+from swardmap.types import Frame, Segmentation, nearest_indices
+
+POINT_STEP = 32
+"""Bytes of a point: PCL's PointXYZL."""
 
 ABOVE_GROUND_M = 0.1
 """Where the obstacle cloud puts what depth alone has marked: within the heights of any obstacle layer."""
@@ -60,22 +63,16 @@ def frame_points(
     return FramePoints(xyz, labels, kept, frame.depth.shape, segmentation.label_set)
 
 
-def labelled_cloud_fields(
-    points: FramePoints, stamp_ns: int, frame_id: str, organised: bool = False
-) -> Fields:
-    """sensor_msgs/PointCloud2, x y z label, of the points that the map is made of, in the optical frame.
-
-    Nav2's layers take the sensor's place from the cloud's frame, so it is not that of the map.
+def organised_cloud_fields(points: FramePoints, stamp_ns: int, frame_id: str) -> Fields:
+    """sensor_msgs/PointCloud2, x y z label, one point a pixel; NaN and label 255 where there is none.
 
     Args:
         points: of the frame.
         stamp_ns: of the colour image.
-        frame_id: its optical frame.
-        organised: one point a pixel, NaN where there is none (label 255); else only the points.
+        frame_id: its optical frame: Nav2's layers take the sensor's place from the cloud's frame, so it is
+            not that of the map.
     """
     kept = points.kept
-    if not organised:
-        return point_cloud_fields(points.xyz[kept], points.labels[kept], stamp_ns, frame_id)
     xyz = np.where(kept[:, None], points.xyz, np.float32(np.nan))
     labels = np.where(kept, points.labels, np.uint8(VOID_ID))
     fields = point_cloud_fields(xyz, labels, stamp_ns, frame_id)
@@ -83,27 +80,52 @@ def labelled_cloud_fields(
     return fields | {"height": height, "width": width, "row_step": width * fields["point_step"]}
 
 
-def obstacle_cloud_fields(
-    points: FramePoints, stamp_ns: int, frame_id: str, others_m: NDArray[np.float32] | None = None
+def cloud_fields(
+    frame: Frame,
+    segmentation: Segmentation,
+    T_map_camera: Pose,
+    config: CloudConfig,
+    stamped: tuple[int, str],
+    lowest: MapClass = MapClass.UNKNOWN,
+    others_m: NDArray[np.float32] | None = None,
 ) -> Fields:
-    """The points of obstacles and persons alone, laid out as in `labelled_cloud_fields`.
+    """sensor_msgs/PointCloud2, x y z label, of the points of `frame_points` that are kept, compiled.
 
     Args:
-        points: of the frame.
-        stamp_ns: of the colour image.
-        frame_id: its optical frame.
-        others_m: (N, 3) float32 points in the optical frame of obstacles that the network did not name; they
-            get the id of its first obstacle class.
+        frame: aligned images.
+        segmentation: its mask.
+        T_map_camera: pose, for the height limits.
+        config: limits.
+        stamped: stamp of the colour image and its optical frame.
+        lowest: points of a lower map class are left out; OBSTACLE: the obstacle cloud.
+        others_m: (N, 3) points in the optical frame of obstacles that the network did not name; they get the
+            id of its first obstacle class.
     """
-    table = points.label_set.map_class_table
-    hazard = points.kept & (table[points.labels] >= MapClass.OBSTACLE)
-    xyz, labels = points.xyz[hazard], points.labels[hazard]
+    from swardmap.kernels.clouds import collect_points
+
+    depth, mask = frame.depth, segmentation.labels
+    table = segmentation.label_set.map_class_table
+    limits = np.array(
+        [config.min_range_m, config.max_range_m, config.min_height_m, config.max_height_m,
+         config.consistency_relative, config.consistency_m], np.float32,
+    )  # fmt: skip
+    packed = np.zeros((depth.size, POINT_STEP // 4), np.float32)
+    count = collect_points(
+        depth, np.float32(frame.depth_unit_m), mask,
+        nearest_indices(depth.shape[0], mask.shape[0]), nearest_indices(depth.shape[1], mask.shape[1]),
+        table.astype(np.int32), *frame.intrinsics.ray_tables(), T_map_camera.matrix[2].astype(np.float32),
+        limits, config.consistent_neighbours, int(lowest), packed, packed.view(np.uint32),
+    )  # fmt: skip
+    points = packed[:count]
     if others_m is not None and len(others_m):
         named = np.flatnonzero(table == MapClass.OBSTACLE)
-        label = named[0] if len(named) else VOID_ID
-        xyz = np.concatenate([xyz, others_m])
-        labels = np.concatenate([labels, np.full(len(others_m), label, np.uint8)])
-    return point_cloud_fields(xyz, labels, stamp_ns, frame_id)
+        more = np.zeros((len(others_m), points.shape[1]), np.float32)
+        more[:, :3] = others_m
+        more.view(np.uint32)[:, 4] = named[0] if len(named) else VOID_ID
+        points = np.concatenate([points, more])
+    empty = point_cloud_fields(np.zeros((0, 3), np.float32), np.zeros(0, np.uint8), *stamped)
+    data = points.view(np.uint8).reshape(-1)
+    return empty | {"width": len(points), "row_step": POINT_STEP * len(points), "data": data}
 
 
 def marked_by_depth_m(step: StepResult) -> NDArray[np.float32]:

@@ -52,7 +52,9 @@ def _slot_value(slot: Any, value: Any) -> Any:
         return ros_message(_message_class(slot), value)
     element = getattr(slot, "value_type", None)
     if isinstance(value, np.ndarray) and not hasattr(slot, "size"):
-        return array(value.dtype.char, np.ascontiguousarray(value).tobytes())
+        whole = array(value.dtype.char)
+        whole.frombytes(np.ascontiguousarray(value).data)
+        return whole
     if isinstance(value, (list, tuple)) and hasattr(element, "namespaces"):
         return [ros_message(_message_class(element), item) for item in value]
     return value

@@ -12,14 +12,14 @@ from swardmap.costmap import Costmap, occupancy_from_costs
 from swardmap.grid import GridSpec, OccupancyGrid
 from swardmap.health import HealthReport, Severity
 from swardmap.io.ros_fields import occupancy_grid_fields
-from swardmap.labels import LabelSet
+from swardmap.labels import LabelSet, MapClass
 from swardmap.ros import messages
 from swardmap.ros.clouds import (
+    cloud_fields,
     frame_points,
-    labelled_cloud_fields,
     marked_by_depth_m,
     obstacle_cells_fields,
-    obstacle_cloud_fields,
+    organised_cloud_fields,
 )
 from swardmap.ros.messages import ros_message
 from swardmap.ros.session import Mapped
@@ -161,14 +161,12 @@ class Outputs:
             mask, confidence = messages.mask_fields(step.segmentation, step.frame.depth.shape, *stamped)
             self._send(pair.camera, "mask", self._image, mask)
             self._send(pair.camera, "confidence", self._image, confidence)
-        if not wanted & {"cloud", "obstacles"}:
-            return
-        points = frame_points(step.frame, step.segmentation, step.T_map_camera, config.cloud)
+        seen = step.frame, step.segmentation, step.T_map_camera, config.cloud
         if "cloud" in wanted:
-            cloud = labelled_cloud_fields(points, *stamped, organised)
-            self._send(pair.camera, "cloud", self._cloud, cloud)
+            one_a_pixel = organised_cloud_fields(frame_points(*seen), *stamped) if organised else None
+            self._send(pair.camera, "cloud", self._cloud, one_a_pixel or cloud_fields(*seen, stamped))
         if "obstacles" in wanted:
-            cloud = obstacle_cloud_fields(points, *stamped, marked_by_depth_m(step))
+            cloud = cloud_fields(*seen, stamped, MapClass.OBSTACLE, marked_by_depth_m(step))
             self._send(pair.camera, "obstacles", self._cloud, cloud)
 
     def publish_map(self, grid: OccupancyGrid, costmap: Costmap | None, now_s: float, full_s: float) -> None:

@@ -17,6 +17,7 @@ from swardmap.health import frame_stats
 from swardmap.labels import MapClass
 from swardmap.mapper import GridMapper
 from swardmap.pipeline import ObstacleMapper, Segmenter
+from swardmap.ros.clouds import cloud_fields
 from swardmap.types import Frame
 
 SMALL = Intrinsics(64, 48, 46.0, 46.0, 31.5, 23.5)
@@ -44,6 +45,7 @@ def warm_up(config: Config, segmenter: Segmenter) -> None:
         frame = Frame(i, SMALL, rgb, raw, unit_m, T_map_camera)
         frame_stats(frame, i, T_map_camera)
         step = mapper.step(frame)
+        cloud_fields(frame, step.segmentation, T_map_camera, config.cloud, (0, "warm_up"))
         step.seen.classes[:] = MapClass.GRASS  # whatever the network said of a grey image
         for each in grids:
             each.integrate(step.seen)

@@ -1,0 +1,61 @@
+"""Depth and mask to the points of a cloud message in one pass (twin: ros.clouds.frame_points)."""
+
+import numpy as np
+
+from swardmap.kernels.compiled import compiled
+from swardmap.kernels.grid import FAR_AWAY, _agreeing_row, _class_row, _depth_row
+
+
+@compiled()
+def collect_points(  # type: ignore[no-untyped-def]
+    depth, unit_m, mask, rows, columns, table, ray_x, ray_y, up, limits, needed, lowest_class, xyz, labels
+):
+    """Write the pixels that count, one after another.
+
+    Args:
+        depth: (H, W) uint16 or float32.
+        unit_m: float32 metres per unit of depth.
+        mask: (h, w) uint8 class ids.
+        rows: (H,) row of the mask for each row of the depth.
+        columns: (W,) column of the mask for each column of the depth.
+        table: (256,) int32 mask id -> MapClass.
+        ray_x: (W,) float32, x of K^-1 [u v 1] (Eq. 1).
+        ray_y: (H,) float32, y of the same.
+        up: (4,) float32, third row of T_map_camera.
+        limits: float32 near, far, lowest, highest, relative, absolute (metres).
+        needed: neighbours that must agree; 0 = no filter.
+        lowest_class: pixels of a smaller MapClass are left out.
+        xyz: (H * W, k >= 3) float32; x, y, z in the optical frame are written to the first three columns.
+        labels: (H * W, k) uint32; mask ids are written to the column 4.
+
+    Returns:
+        How many were written.
+    """
+    H, W = depth.shape
+    near, far, lowest, highest, relative, absolute_m = limits
+    z_rows = np.full((3, W + 2), FAR_AWAY, np.float32)
+    keep = np.ones(W, np.int32)
+    classes = np.zeros(W, np.int32)
+    mask_row, count = -1, 0
+    _depth_row(depth[0], unit_m, near, far, z_rows[0])
+    for v in range(H):
+        above, here, below = z_rows[(v + 2) % 3], z_rows[v % 3], z_rows[(v + 1) % 3]
+        if v + 1 < H:
+            _depth_row(depth[v + 1], unit_m, near, far, below)
+        else:
+            below[:] = FAR_AWAY
+        if needed > 0:
+            _agreeing_row(above, here, below, relative, absolute_m, needed, keep)
+        if rows[v] != mask_row:
+            mask_row = rows[v]
+            _class_row(mask[mask_row], columns, table, classes)
+        for u in range(W):
+            z = here[u + 1]
+            if (z > np.float32(0)) & (keep[u] > 0) & (classes[u] >= lowest_class):
+                x, y = z * ray_x[u], z * ray_y[v]
+                height = up[0] * x + up[1] * y + up[2] * z + up[3]
+                if (height >= lowest) & (height <= highest):
+                    xyz[count, 0], xyz[count, 1], xyz[count, 2] = x, y, z
+                    labels[count, 4] = mask[mask_row, columns[u]]
+                    count += 1
+    return count
