@@ -1,7 +1,10 @@
 """Shared by the tests of scenes: gardens with the shipped assets, built once; where their vertices are."""
 
+import json
 from functools import cache
 from hashlib import sha256
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -10,6 +13,7 @@ from swardmap.synth.scene.garden import build_garden
 from tests.synth.people.bodies import assets
 
 SEEDS = range(6)
+OUTLINES = Path(__file__).parent / "outlines.json"
 STAMPS_NS = range(0, 6_000_000_000, 700_000_000)
 
 
@@ -58,3 +62,19 @@ def digest(of: Garden) -> str:
                 if mesh.material.texture is not None:
                     found.update(mesh.material.texture.rgba.tobytes())
     return found.hexdigest()
+
+
+def outline(of: Garden) -> dict[str, Any]:
+    """What another machine must find too, to the millimetre: what stands where, and heights of the ground."""
+    low, high = of.lot_m.min(axis=0), of.lot_m.max(axis=0)
+    spots = np.array([low + (high - low) * (a, b) for a in (0.1, 0.5, 0.9) for b in (0.1, 0.5, 0.9)])
+    return {
+        "things": [[t.kind, *np.round(t.T_map_model[:3, 3], 4).tolist()] for t in of.at(1_000_000_000)],
+        "heights_m": np.round(of.ground.height_at(spots), 4).tolist(),
+        "lawn_m2": round(float((of.ground.lawn_m > 0).sum()) * of.ground.texel_m**2, 2),
+    }
+
+
+if __name__ == "__main__":  # after gardens were changed on purpose
+    written = {"2": outline(garden(2)), "plain 1": outline(plain_garden(1))}
+    OUTLINES.write_text("{\n" + ",\n".join(f'"{k}": {json.dumps(v)}' for k, v in written.items()) + "\n}\n")

@@ -1,5 +1,6 @@
 """Whole gardens: the same from the same seed, nothing floats, is buried or stands in something else."""
 
+import json
 import subprocess
 import sys
 from collections import Counter, defaultdict
@@ -15,7 +16,17 @@ from swardmap.synth.model import Garden, Surface, Thing
 from swardmap.synth.scene.areas import inside_convex_m
 from swardmap.synth.scene.garden import build_garden
 from tests.synth.people.bodies import assets
-from tests.synth.scene.gardens import SEEDS, STAMPS_NS, digest, garden, heights_m, plain_garden, vertices
+from tests.synth.scene.gardens import (
+    OUTLINES,
+    SEEDS,
+    STAMPS_NS,
+    digest,
+    garden,
+    heights_m,
+    outline,
+    plain_garden,
+    vertices,
+)
 
 ROOT = Path(__file__).parents[3]
 DUG_IN_M = {
@@ -35,6 +46,18 @@ each_garden = pytest.mark.parametrize("seed", SEEDS)
 def test_the_same_seed_gives_the_same_garden_and_another_another() -> None:
     assert digest(garden(3)) == digest(build_garden(3, assets())) != digest(garden(4))
     assert digest(plain_garden(3)) == digest(build_garden(3)) != digest(garden(3))
+
+
+def test_another_machine_gives_the_same_garden() -> None:
+    """Against a file made elsewhere; new after gardens were changed: python -m tests.synth.scene.gardens."""
+    stored = json.loads(OUTLINES.read_text())
+    for name, it in (("2", garden(2)), ("plain 1", plain_garden(1))):
+        found, told = outline(it), stored[name]
+        assert [row[0] for row in found["things"]] == [row[0] for row in told["things"]]
+        places = ([row[1:] for row in side["things"]] for side in (found, told))
+        assert np.allclose(*places, atol=1e-3)
+        assert np.allclose(found["heights_m"], told["heights_m"], atol=1e-3)
+        assert found["lawn_m2"] == pytest.approx(told["lawn_m2"], rel=1e-4)
 
 
 @pytest.mark.slow
