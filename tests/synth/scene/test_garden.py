@@ -54,8 +54,8 @@ def test_another_machine_gives_the_same_garden() -> None:
     for name, it in (("2", garden(2)), ("plain 1", plain_garden(1))):
         found, told = outline(it), stored[name]
         assert [row[0] for row in found["things"]] == [row[0] for row in told["things"]]
-        places = ([row[1:] for row in side["things"]] for side in (found, told))
-        assert np.allclose(*places, atol=1e-3)
+        here, there = ([row[1:] for row in side["things"]] for side in (found, told))
+        assert np.allclose(here, there, atol=1e-3)
         assert np.allclose(found["heights_m"], told["heights_m"], atol=1e-3)
         assert found["lawn_m2"] == pytest.approx(told["lawn_m2"], rel=1e-4)
 
