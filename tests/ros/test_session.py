@@ -16,6 +16,7 @@ from swardmap.geometry import Pose
 from swardmap.health import Fault, HealthReport, Severity
 from swardmap.io.bag_topics import ImageTopic
 from swardmap.io.living_files import write_living
+from swardmap.io.ros_fields import odometry_fields
 from swardmap.labels import MapClass
 from swardmap.models import build_segmenter
 from swardmap.pipeline import ObstacleMapper
@@ -23,6 +24,7 @@ from swardmap.rig import Rig
 from swardmap.ros.parameters import Parameters, parameters_from
 from swardmap.ros.session import Session
 from swardmap.types import Frame
+from tests.bags import ODOMETRY
 from tests.ros import drive
 from tests.ros.drive import MS, ONE, PERIOD_NS, RIG, START_NS
 
@@ -151,6 +153,36 @@ def test_poses_by_tf_give_the_map_that_odometry_gives() -> None:
         by_tf.step(i, x_m, posed=False)
     one, two = snapshot(by_odometry.session), snapshot(by_tf.session)
     np.testing.assert_array_equal(one.classes, two.classes)
+
+
+def test_a_mount_is_measured_from_the_robots_base_wherever_the_odometry_sits() -> None:
+    """The antenna of the odometry is 0.4 m ahead of the base; tf says so."""
+    robot = one_robot()
+    T_base_antenna = Pose(drive.BASE, "antenna", np.eye(4) + 0.4 * np.eye(4, k=3))
+    robot.session.on_tf(drive.transforms([T_base_antenna.inverse()], 0), True, START_NS)
+    robot.now_ns = START_NS + LATENCY_NS
+    antenna = drive.message(ODOMETRY, odometry_fields(drive.base_at(1.0) @ T_base_antenna, START_NS))
+    robot.session.on_odometry(antenna, robot.now_ns)
+    robot.look("camera", drive.view(robot.rig, "camera", 1.0), START_NS)
+    robot.work()
+    pose = robot.frames[0].T_map_camera
+    assert pose is not None
+    expected = drive.base_at(1.0) @ robot.rig.T_base_camera("camera")
+    np.testing.assert_allclose(pose.matrix, expected.matrix, atol=1e-12)
+
+
+def test_the_frames_that_do_not_meet_are_named() -> None:
+    rig = drive.rig_of(ONE)
+    robot = Robot(session_of(parameters({"source": {}}), rig), rig)
+    T = Pose("odom", drive.BASE, np.eye(4))
+    for i in range(6):  # odom alone: what is above it may yet come, so it is not taken for the map
+        robot.session.on_tf(drive.transforms([T], START_NS + i * PERIOD_NS), False, robot.now_ns)
+        robot.step(i, 0.1 * i, posed=False)
+    assert robot.frames == []
+    error = robot.session.facts["error"]
+    assert isinstance(error, str)
+    assert "in 'map'" in error
+    assert "base_link, camera_optical_frame, odom" in error
 
 
 def test_a_pose_between_two_is_interpolated_at_the_image_stamp() -> None:

@@ -4,9 +4,7 @@ import threading
 import time
 import traceback
 from collections.abc import Callable
-from datetime import UTC, datetime
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from swardmap.errors import ConfigError, SwardmapError
@@ -15,6 +13,7 @@ from swardmap.models import build_segmenter
 from swardmap.ros.inputs import is_compressed
 from swardmap.ros.outputs import Outputs
 from swardmap.ros.parameters import Declaration, Parameters, changed, declarations, parameters_from
+from swardmap.ros.services import serve
 from swardmap.ros.session import Session
 from swardmap.ros.topics import find_types, image_qos, latched_qos
 from swardmap.ros.warm_up import warm_up
@@ -232,10 +231,10 @@ class RobotNode:
     def _subscribe_poses(self, session: Session) -> None:
         from nav_msgs.msg import Odometry
 
-        if not session.posed:
+        if not session.poses.posed:
             return
         tf = self._types["tf"]
-        if session.from_odometry:
+        if session.poses.from_odometry:
             topic = self.parameters.config.source.odometry_topic
             self._listen(Odometry, topic, lambda m: session.on_odometry(m, self._now_ns()), 50)
         elif tf is None:
@@ -258,36 +257,8 @@ class RobotNode:
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # a simulation that pauses must not silence the flag
         timer = self.node.create_timer(1 / CHECKS_HZ, self._check, clock=steady)
         self._held.append(partial(self.node.destroy_timer, timer))
-        if self._types["services"] is None:
-            return
-        from std_srvs.srv import SetBool, Trigger
-
-        for name, kind, answer in (
-            ("clear", Trigger, self._clear), ("save", Trigger, self._save), ("pause", SetBool, self._pause),
-        ):  # fmt: skip
-            service = self.node.create_service(kind, f"~/{name}", partial(answer, session))
-            self._held.append(partial(self.node.destroy_service, service))
-
-    def _clear(self, session: Session, _: Any, response: Any) -> Any:
-        session.clear()
-        response.success, response.message = True, "the map is empty: all is unknown"
-        return response
-
-    def _save(self, session: Session, _: Any, response: Any) -> Any:
-        folder = Path(self.parameters.node.save_folder) / datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%f")
-        try:
-            session.engine.save(folder)
-        except SwardmapError as error:
-            response.success, response.message = False, str(error)
-        else:
-            response.success, response.message = True, str(folder.absolute())
-        return response
-
-    def _pause(self, session: Session, request: Any, response: Any) -> Any:
-        session.paused = bool(request.data)
-        response.success = True
-        response.message = "paused: the stop flag will be set" if request.data else "mapping"
-        return response
+        if self._types["services"] is not None:
+            self._held += serve(self.node, session)
 
     def _on_image(self, camera: str, kind: str, message: Any) -> None:
         if self.session is not None and self._active.is_set():

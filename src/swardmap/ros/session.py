@@ -11,28 +11,24 @@ from typing import Any
 import numpy as np
 
 from swardmap.config import Config
-from swardmap.errors import ConfigError, SwardmapError
+from swardmap.errors import SwardmapError
 from swardmap.geometry import Pose
 from swardmap.health import Diagnosis, Fault, HealthReport
 from swardmap.io.pairing import COLOR
 from swardmap.io.ros_messages import pose_from_odometry, stamp_ns
-from swardmap.io.tf import ALWAYS_NS
 from swardmap.living import LivingMap
-from swardmap.pipeline import Segmenter, StepResult, configured_mount
+from swardmap.pipeline import Segmenter, StepResult
 from swardmap.rig import Rig
+from swardmap.ros.camera_poses import CameraPoses
 from swardmap.ros.engine import Engine
 from swardmap.ros.frame_queue import FrameQueue
 from swardmap.ros.inputs import CameraInput, CameraPair, camera_topics
 from swardmap.ros.parameters import Parameters
-from swardmap.ros.poses import LivePoses
 from swardmap.travel import ActiveCameras
 from swardmap.work_area import WorkArea
 
 ONLY_CAMERA = "camera"
 """Name of the camera where there is no rig."""
-
-BASE_FRAME = "base_link"
-"""What a configured mount is measured in, where neither rig nor odometry names it."""
 
 WAITING_PAIRS = 30
 """Images that wait for their pose at most."""
@@ -91,19 +87,17 @@ class Session:
         self.last_error = self.failure = ""
         self.report: HealthReport | None = None
         self._mapped_ns: int | None = None
-        self.posed, self.from_odometry = _pose_source(parameters, rig)
-        if not self.posed:  # nobody can lose what was never there
-            config = replace(config, watchdog=replace(config.watchdog, pose_s=None))
         cameras = {ONLY_CAMERA: None} if rig is None else {c.name: c for c in rig.cameras}
+        self.poses = CameraPoses(parameters, rig, cameras)
+        if not self.poses.posed:  # nobody can lose what was never there
+            config = replace(config, watchdog=replace(config.watchdog, pose_s=None))
         self.inputs: Mapping[str, CameraInput] = {
             name: CameraInput(name, camera_topics(config.source, camera), config.source)
             for name, camera in cameras.items()
         }
-        self._mounts = {name: self._mount_of(name) for name in cameras}
         self.active = None if rig is None else ActiveCameras(rig)
-        self.poses = LivePoses(config.source)
         self.queue = FrameQueue[Job](parameters.node.queue_frames)
-        self.engine = Engine(config, segmenter, self._mounts, *_area_and_map(config))
+        self.engine = Engine(config, segmenter, self.poses.mounts, *_area_and_map(config))
         self._skipped: Counter[str] = Counter()
         self._waiting: deque[CameraPair] = deque()
         self._newest_ns: dict[str, int] = {}
@@ -164,7 +158,7 @@ class Session:
 
     def on_odometry(self, message: Any, now_ns: int) -> None:
         """Take an odometry: it moves the robot, and tells the direction of travel."""
-        self.poses.add_odometry(message)
+        self.poses.live.add_odometry(message)
         if self.active is not None:
             try:
                 self.active.selector.step_pose(stamp_ns(message.header.stamp), pose_from_odometry(message))
@@ -174,10 +168,7 @@ class Session:
 
     def on_tf(self, message: Any, static: bool, now_ns: int) -> None:
         """Take a message of /tf or /tf_static."""
-        if static:
-            self.poses.add_tf_static(message)
-        else:
-            self.poses.add_tf(message)
+        self.poses.add_tf(message, static)
         self.release(now_ns)
 
     def release(self, now_ns: int) -> None:
@@ -189,13 +180,13 @@ class Session:
             if pair.camera not in self.active_names:
                 self._skipped[REASON_TURNED] += 1
                 continue
-            T_map_camera = self._pose_of(pair, overdue)
-            if T_map_camera is None and self.posed:
+            T_map_camera = self.poses.of_pair(pair, overdue)
+            if T_map_camera is None and self.poses.posed:
                 if not overdue:
                     self._waiting.append(pair)
                     continue
                 self._skipped[REASON_POSE] += 1
-                self.last_error = self.poses.missing(pair.color_frame)
+                self.last_error = self.poses.live.missing(pair.color_frame)
             self._hand_over(pair, T_map_camera)
 
     def process(self, timeout_s: float) -> Mapped | None:
@@ -261,35 +252,14 @@ class Session:
             yield Diagnosis.named(RIG, Fault.BLIND, text)
 
     def _hand_over(self, pair: CameraPair, T_map_camera: Pose | None) -> None:
-        T_color_depth = self.poses.between(pair.color_frame, pair.depth_frame)
+        T_color_depth = self.poses.view_of(pair)
         if T_color_depth is None and not self.inputs[pair.camera].is_aligned:
             self._skipped[REASON_VIEW] += 1
             return
         if T_color_depth is not None and np.array_equal(T_color_depth.matrix, np.eye(4)):
             T_color_depth = None
-        lost = T_map_camera is None and self.posed
+        lost = T_map_camera is None and self.poses.posed
         self.queue.put(pair.camera, Job(pair, T_map_camera, T_color_depth, lost))
-
-    def _pose_of(self, pair: CameraPair, overdue: bool) -> Pose | None:
-        if not self.posed:
-            return None
-        pose = self.poses.lookup(pair.color_frame, pair.stamp_ns)
-        mount = self._mounts[pair.camera]
-        if pose is not None or mount is None or self.poses.knows(pair.color_frame):
-            return pose
-        base = self.poses.base_frame if self.from_odometry else self._base_frame if overdue else None
-        if base is not None and self.poses.add_mount(base, pair.color_frame, mount):
-            return self.poses.lookup(pair.color_frame, pair.stamp_ns)
-        return None
-
-    @property
-    def _base_frame(self) -> str:
-        return BASE_FRAME if self.rig is None else self.rig.base_frame
-
-    def _mount_of(self, name: str) -> Pose | None:
-        if self.rig is not None:
-            return self.rig.T_base_camera(name)
-        return configured_mount(self.parameters.config.mount)
 
     def _check_clock(self, camera: str, kind: str, stamp: int, now_ns: int) -> None:
         key = f"{camera}/{kind}"
@@ -304,37 +274,18 @@ class Session:
         self._newest_ns[key] = max(stamp, self._newest_ns.get(key, stamp))
 
     def _observe_poses(self, now_ns: int, active: tuple[str, ...]) -> None:
-        if self.active is not None and not self.from_odometry:
-            self._step_direction()
+        if self.active is not None and not self.poses.from_odometry:  # which tells the direction as it comes
+            base = self.poses.newest_base()
+            if base is not None:
+                self.active.selector.step_pose(*base)
         frames = [self._optical[name] for name in active if name in self._optical]
-        stamps = [s for f in frames if (s := self.poses.newest_ns(f)) is not None]
-        if stamps:
-            newest = min(stamps)  # of several cameras the one that is worst off
-            self.engine.observe_pose(now_ns if newest == ALWAYS_NS else newest)
-
-    def _step_direction(self) -> None:
-        """Direction of travel by tf; odometry tells it when it comes."""
-        base = self._base_frame
-        newest = self.poses.newest_ns(base)
-        pose = None if newest is None else self.poses.lookup(base, newest)
-        if self.active is not None and newest is not None and pose is not None:
-            self.active.selector.step_pose(newest, pose)
+        newest = self.poses.newest_ns(frames, now_ns)
+        if newest is not None:
+            self.engine.observe_pose(newest)
 
     def _damaged(self, error: SwardmapError) -> None:
         self._skipped[REASON_DAMAGED] += 1
         self.last_error = str(error)
-
-
-def _pose_source(parameters: Parameters, rig: Rig | None) -> tuple[bool, bool]:
-    """Whether there are poses at all, and whether they are of an odometry."""
-    source, topic = parameters.node.pose_source, parameters.config.source.odometry_topic
-    if source == "none" and rig is not None:
-        raise ConfigError("pose_source none: a rig needs poses, or its cameras cannot share a map")
-    if source == "none" and configured_mount(parameters.config.mount) is None:
-        raise ConfigError("pose_source none: set mount.height_m and mount.pitch_deg")
-    if source == "odometry" and topic is None:
-        raise ConfigError("pose_source odometry: set source.odometry_topic")
-    return source != "none", source == "odometry" or (source == "auto" and topic is not None)
 
 
 def _area_and_map(config: Config) -> tuple[WorkArea | None, LivingMap | None]:

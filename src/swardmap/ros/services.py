@@ -1,0 +1,54 @@
+"""The node's services: clear, save, pause."""
+
+from collections.abc import Callable
+from datetime import UTC, datetime
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from swardmap.errors import SwardmapError
+from swardmap.ros.session import Session
+
+
+def serve(node: Any, session: Session) -> list[Callable[[], object]]:
+    """Create the services of a configured node, below its name.
+
+    Args:
+        node: of rclpy.
+        session: what they act on.
+
+    Returns:
+        What takes each of them back.
+    """
+    from std_srvs.srv import SetBool, Trigger
+
+    services = (
+        node.create_service(Trigger, "~/clear", partial(_clear, session)),
+        node.create_service(Trigger, "~/save", partial(_save, session)),
+        node.create_service(SetBool, "~/pause", partial(_pause, session)),
+    )
+    return [partial(node.destroy_service, service) for service in services]
+
+
+def _clear(session: Session, _: Any, response: Any) -> Any:
+    session.clear()
+    response.success, response.message = True, "the map is empty: all is unknown"
+    return response
+
+
+def _save(session: Session, _: Any, response: Any) -> Any:
+    folder = Path(session.parameters.node.save_folder) / datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%f")
+    try:
+        session.engine.save(folder)
+    except SwardmapError as error:
+        response.success, response.message = False, str(error)
+    else:
+        response.success, response.message = True, str(folder.absolute())
+    return response
+
+
+def _pause(session: Session, request: Any, response: Any) -> Any:
+    session.paused = bool(request.data)
+    response.success = True
+    response.message = "paused: the stop flag is set" if request.data else "mapping"
+    return response
