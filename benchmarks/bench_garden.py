@@ -1,7 +1,7 @@
 """What a picture of a garden costs, whether memory stays flat, and whether drivers agree.
 
     python benchmarks/bench_garden.py              # seconds of processor time a frame at 640 x 480, by pass
-    python benchmarks/bench_garden.py --memory     # 1,000 frames of 20 gardens in five lights
+    python benchmarks/bench_garden.py --memory     # 1,000 frames of four gardens in five lights
     python benchmarks/bench_garden.py --drivers    # depth and labels of Mesa's llvmpipe against its softpipe
 
 Processor time of all threads is counted, since the clock depends on what else the machine does.
@@ -110,18 +110,18 @@ def used_mib() -> float:
 
 
 def memory(count: int) -> None:
+    """Gardens in turn, built before: what grows from the second round on is the renderer's."""
     assets = assets_or_none()
-    renderer = GardenRenderer(160, 120, 1, assets)
-    done = 0
-    for round_ in range(max(1, count // 1000)):
-        for garden, lens, run in drives(assets, range(20), 10, 160, 120):
+    gardens = list(drives(assets, GARDENS, 10, 160, 120))
+    renderer, done = GardenRenderer(160, 120, 1, assets), 0
+    while done < count:
+        for garden, lens, run in gardens:
             for name in LIGHTS:
-                light = sample_light(name, np.random.default_rng(round_))
+                light = sample_light(name, np.random.default_rng(done))
                 for stamp_ns, pose in run:
                     renderer.render(garden, light, lens, pose, stamp_ns)
                     done += 1
-            if done % 100 == 0:
-                print(f"{done} frames: {used_mib():.0f} MiB", flush=True)
+        print(f"{done} frames: {used_mib():.0f} MiB", flush=True)
 
 
 def drawn(folder: Path) -> None:

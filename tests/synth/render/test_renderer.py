@@ -97,6 +97,22 @@ def test_more_samples_give_nearly_the_same_mean() -> None:
     assert means[1] == pytest.approx(means[2], rel=0.03)
 
 
+def test_truth_depends_on_neither_samples_nor_light(grassy: GardenRenderer) -> None:
+    try:
+        single = GardenRenderer(plots.LENS.width, plots.LENS.height, 1)
+    except MissingExtraError as error:
+        pytest.skip(str(error))
+    wall = Thing(Model("wall", (box((0.1, 2.0, 0.8)),)), "wall", placed(3.0, 0.0))
+    garden = plots.garden_of(plots.ground_of(plots.bumpy, blade_m=0.05), [wall])
+    night = sample_light("twilight", np.random.default_rng(2))
+    a = single.render(garden, plots.light_of(), plots.LENS, plots.camera_at(), 0)
+    b = grassy.render(garden, night, plots.LENS, plots.camera_at(), 0)
+    single.close()
+    assert np.array_equal(a.depth_m, b.depth_m)
+    assert np.array_equal(a.labels, b.labels)
+    assert np.array_equal(a.thing, b.thing)
+
+
 def test_colours_alone_are_those_of_the_view(grassy: GardenRenderer) -> None:
     garden = plots.garden_of(plots.ground_of(plots.bumpy, blade_m=0.05))
     arguments = (garden, plots.light_of(), plots.LENS, plots.camera_at(), 0)

@@ -22,7 +22,7 @@ UNITS = {
     "picture": 0, "shadow_near": 1, "shadow_far": 2, "height_map": 3, "lawn_map": 4, "surface_map": 5,
     "albedo_map": 6, "details": 7,
 }  # fmt: skip
-FINISH_UNITS = {"picture": 8, "depth_map": 9}
+FINISH_UNITS = {"picture": 8, "depth_map": 9, "occlusion_map": 10}
 RASTERS = ("height_map", "lawn_map", "surface_map", "albedo_map", "details")
 
 
@@ -70,8 +70,11 @@ class GardenRenderer:
             self._store = ThingStore(self._context)
             self._shadows = Shadows(self._context)
             self._programs: dict[tuple[str, ...], dict[str, Any]] = {}
-            self._finish = program_of(self._context, "screen", "finish")
-            self._finish_array = self._context.vertex_array(self._finish, [])
+            self._screens: list[Any] = []
+            for name in ("occlusion", "finish"):
+                program = program_of(self._context, "screen", name)
+                set_uniforms(program, **FINISH_UNITS)
+                self._screens.append(self._context.vertex_array(program, []))
         self._scene: _Scene | None = None
 
     def render(
@@ -178,9 +181,12 @@ class GardenRenderer:
 
     def _finished(self, picture: Any) -> None:
         """Ambient occlusion, and the mean of the samples."""
-        self._targets.finished.use()
+        targets = self._targets
         self._context.enable_only(self._context.NOTHING)
+        targets.depth.use(FINISH_UNITS["depth_map"])
+        targets.occluded.use()
+        self._screens[0].render(vertices=3)
         picture.use(FINISH_UNITS["picture"])
-        self._targets.depth.use(FINISH_UNITS["depth_map"])
-        set_uniforms(self._finish, **FINISH_UNITS)
-        self._finish_array.render(vertices=3)
+        targets.occlusion.use(FINISH_UNITS["occlusion_map"])
+        targets.finished.use()
+        self._screens[1].render(vertices=3)

@@ -29,6 +29,7 @@ class Targets:
         picture: radiance, all samples.
         truth: depth and ids at pixel centres.
         both: radiance, depth and ids at pixel centres, in one pass.
+        occluded: how much of the sky is hidden, 0 = nothing.
         finished: radiance of each pixel.
     """
 
@@ -47,10 +48,12 @@ class Targets:
         self.depth = texture(self.size, 1, "f4")
         self.ids = texture(self.size, 2, "u2")
         self._result = texture(self.size, 4, "f4")
+        self.occlusion = texture(self.size, 1, "f1")
         own = context.depth_renderbuffer(self.size)
         self.picture: Any = context.framebuffer([self.samples], context.depth_renderbuffer(full))
         self.truth: Any = context.framebuffer([self.depth, self.ids], own)
         self.both: Any = context.framebuffer([self.plain, self.depth, self.ids], own)
+        self.occluded: Any = context.framebuffer([self.occlusion])
         self.finished: Any = context.framebuffer([self._result])
 
     def radiance(self) -> Float32Array:

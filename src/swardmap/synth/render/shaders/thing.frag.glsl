@@ -30,7 +30,7 @@ vec4 shaded(vec3 albedo, vec3 rel) {
     if (gloss.y > 0.0) {
         float sharp = 2.0 / max(gloss.z * gloss.z * gloss.z * gloss.z, 1e-3);
         vec3 halfway = unit(view + sun_direction.xyz);
-        float fresnel = 0.04 + 0.96 * pow(1.0 - clamp(dot(normal, view), 0.0, 1.0), 5.0);
+        float fresnel = 0.04 + 0.96 * pow(1.0 - min(abs(dot(normal, view)), 1.0), 5.0);
         direct += gloss.y * 0.04 * (sharp + 2.0) / 8.0 * pow(max(dot(normal, halfway), 0.0), sharp) * step(0.0, towards);
         sky += gloss.y * fresnel * (1.0 - gloss.z) * sky_color(reflect(-view, normal));
     }
