@@ -268,3 +268,17 @@ def test_views_have_the_networks_stretch_and_the_recipes_zoom() -> None:
         assert any(np.all(np.array(shape) <= np.array(e) + 1) for e in expected)
     for wanted in expected:
         assert any(np.allclose(shape, wanted, atol=1.01) for shape in shapes)
+
+
+def test_a_covered_lens_is_an_obstacle_everywhere(data_root: Path, tiny_recipe: MakeRecipe) -> None:
+    tree = tiny_recipe()
+    tree["schedule"]["covered"] = 0.3
+    recipe = recipe_from_dict(tree)
+    views = draw_batch(load_photos(recipe, data_root, validation=False), recipe, range(300), step=0)
+    blank = [v for v in views if v.stem == "covered"]
+    assert 0.2 * 300 < len(blank) < 0.4 * 300
+    assert all((v.codes == 0).all() for v in blank)
+    assert sum(v.image.mean() < 40 for v in blank) > 0.4 * len(blank)  # most are dark
+    for view in blank[:20]:  # nothing is to be seen: halves differ little, but for a soft gradient
+        top, bottom = np.split(view.image.astype(float), 2)
+        assert abs(top.mean() - bottom.mean()) < 30

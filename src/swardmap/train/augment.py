@@ -155,6 +155,23 @@ def jpeg(image: Image, rng: np.random.Generator) -> Image:
     return np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), np.uint8)
 
 
+def covered(size: tuple[int, int], rng: np.random.Generator) -> Image:
+    """What a camera gives that sees nothing: one colour, often black, a soft gradient, and noise.
+
+    A network that has seen lawns at night would take a covered lens for one; it must not.
+    """
+    width, height = size
+    level = rng.uniform(0, 25) if rng.random() < 0.7 else rng.uniform(0, 255)
+    color = np.clip(level + rng.normal(0, 6, 3), 0, 255)
+    slope = np.linspace(-1, 1, height)[:, None] * rng.normal(0, 8) + np.linspace(-1, 1, width) * rng.normal(
+        0, 8
+    )
+    grain = rng.standard_normal((height, width, 3), dtype=np.float32) * rng.choice([2.0, 6.0, 12.0, 25.0])
+    if rng.random() < 0.4:  # noise of a coarser grain, as after compression or enlargement
+        grain = cv2.GaussianBlur(grain, (0, 0), rng.uniform(0.5, 1.5)) * 2
+    return np.clip(color + slope[..., None] + grain, 0, 255).astype(np.uint8)
+
+
 def paste(image: Image, codes: Image, donor: Image, donor_codes: Image, code: int) -> tuple[Image, Image]:
     """Put what the donor has of one class (a rare one) into the image; its outline becomes void."""
     mask = (donor_codes == code).astype(np.uint8)

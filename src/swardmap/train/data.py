@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from swardmap.errors import InputError
 from swardmap.labels import VOID_ID, Role
-from swardmap.train.augment import Strength, paste, relight, warp
+from swardmap.train.augment import Strength, covered, paste, relight, warp
 from swardmap.train.photos import PARTIAL_CODE, PSEUDO_CODE, Photo, read_photos
 from swardmap.train.recipe import DataConfig, NetworkConfig, Recipe
 
@@ -105,6 +105,8 @@ def _draw(sets: Sequence[PhotoSet], recipe: Recipe, rng: np.random.Generator) ->
     size = (crop, crop) if crop else (recipe.network.width, recipe.network.height)
     strength = Strength(zoom=recipe.schedule.zoom)
     aspect = recipe.network.width / recipe.network.height
+    if recipe.schedule.covered and rng.random() < recipe.schedule.covered:
+        return _nothing_seen(size, recipe.network, rng)
     photo = _pick(sets, rng)
     view = _view(photo, size, strength, rng, aspect)
     person = person_code(recipe.network)
@@ -114,6 +116,14 @@ def _draw(sets: Sequence[PhotoSet], recipe: Recipe, rng: np.random.Generator) ->
         fine = np.where(codes == view.codes, view.fine, VOID_ID).astype(np.uint8)
         view = Photo(image, codes, fine, view.stem)
     return Photo(relight(view.image, strength, rng), view.codes, view.fine, view.stem)
+
+
+def _nothing_seen(size: tuple[int, int], network: NetworkConfig, rng: np.random.Generator) -> Photo:
+    """A view of a covered lens: an obstacle everywhere."""
+    roles = {c.id: c.role for c in network.label_set.classes}
+    obstacle = [roles[class_id] for class_id in network.trained_ids].index(Role.OBSTACLE)
+    codes = np.full(size[::-1], obstacle, np.uint8)
+    return Photo(covered(size, rng), codes, np.full_like(codes, VOID_ID), "covered")
 
 
 def _view(

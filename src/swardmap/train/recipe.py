@@ -73,6 +73,9 @@ class ScheduleConfig(Checked):
     partial_weight: float = setting(0.5, "of a pixel known only to be one of several classes", minimum=0)
     auxiliary_weight: float = setting(0.4, "of the finer labels in the loss", minimum=0)
     paste_person: float = setting(0.15, "share of views that get a person pasted in", minimum=0, maximum=1)
+    covered: float = setting(
+        0.0, "share of views of a covered lens, an obstacle everywhere", minimum=0, maximum=1
+    )
     check_every: int = setting(100, "steps from one checkpoint and validation to the next", minimum=1)
     seed: int = setting(0, "")
     precision: str = setting("bf16", "", choices=("bf16", "fp32"))
