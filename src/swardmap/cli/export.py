@@ -23,9 +23,12 @@ def export(
         float, typer.Option(help="Added to grass's logit: less grass missed, more obstacles called grass.")
     ] = 0.0,
     blend: Annotated[
-        Path | None, typer.Option(help="Checkpoint to mix in, such as the start.pt of a fine-tuning.")
+        list[Path] | None,
+        typer.Option(help="Checkpoint to mix in, such as the start.pt of a fine-tuning. Repeatable."),
     ] = None,
-    blend_share: Annotated[float, typer.Option(min=0, max=1, help="Its share of the weights.")] = 0.5,
+    blend_share: Annotated[
+        list[float] | None, typer.Option(help="Share of the weights of each --blend, 0 to 1.")
+    ] = None,
     max_loss: Annotated[float, typer.Option(help="Points of grass IoU that INT8 may cost.")] = 0.5,
     as_json: Json = False,
 ) -> None:
@@ -36,8 +39,12 @@ def export(
     require("torch", "train")
     from swardmap.train.release import release
 
-    mixed = None if blend is None else (blend, blend_share)
-    result = release(checkpoint, data, out, int8, images, size, grass_bias, mixed)
+    paths, shares = blend or [], blend_share or []
+    if len(paths) != len(shares) or not all(0 <= share <= 1 for share in shares):
+        raise typer.BadParameter("expected one --blend-share of 0 to 1 for each --blend")
+    result = release(
+        checkpoint, data, out, int8, images, size, grass_bias, tuple(zip(paths, shares, strict=True))
+    )
     if as_json:
         print(json.dumps(result, indent=2))
     else:

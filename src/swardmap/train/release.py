@@ -1,6 +1,6 @@
 """The whole way from a checkpoint to a file one can ship: export, quantise, calibrate, measure."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import chain, islice
 from pathlib import Path
@@ -22,7 +22,7 @@ def release(
     images: int = 64,
     size: tuple[int, int] | None = None,
     grass_bias: float = 0.0,
-    blend: tuple[Path, float] | None = None,
+    blend: Sequence[tuple[Path, float]] = (),
 ) -> dict[str, Any]:
     """Write `out`, and say what it costs and how good it is on the recipe's validation data.
 
@@ -35,14 +35,14 @@ def release(
         size: width and height of the input, if not the recipe's.
         grass_bias: added to the logit of classes that may be driven on, to trade grass missed for
             obstacles called grass; choose it on validation data.
-        blend: another checkpoint and its share of the weights, see `blended`.
+        blend: other checkpoints and their shares of the weights, mixed in one after another; see `blended`.
 
     Returns:
         Figures of both precisions, the INT8 loss in points of grass IoU, temperature, size.
     """
     network, recipe, state = load_network(checkpoint)
-    if blend is not None:
-        blended(network, *blend)
+    for other, share in blend:
+        blended(network, other, share)
     spec = network_spec(recipe)
     if size is not None:
         spec = replace(spec, width=size[0], height=size[1])
@@ -53,8 +53,8 @@ def release(
         "data": sets,
         "grass_bias": grass_bias,
     }
-    if blend is not None:
-        training["blend_share"] = blend[1]
+    if blend:
+        training["blend_shares"] = [share for _, share in blend]
     spec = replace(spec, training=training)
     add_grass_bias(network, spec, grass_bias)
     plain = out.with_suffix(".float32.onnx") if int8 else out
