@@ -13,8 +13,10 @@ import cv2
 import numpy as np
 import pytest
 import torch
+import typer
 import yaml
 
+from swardmap.cli.export import export
 from swardmap.cli.train import train
 from swardmap.errors import ConfigError, InputError
 from swardmap.labels import GRASS_OBSTACLE_PERSON, VOID_ID
@@ -152,3 +154,15 @@ def test_two_processes_train_one_network_and_go_on_after_a_kill(
     assert any(not torch.equal(whole["network"][k], one[k]) for k in learnt)  # batch norm sees half a batch
     for key in learnt:
         torch.testing.assert_close(whole["network"][key], one[key], atol=0.02, rtol=0.2)
+
+
+def test_each_blend_needs_its_share(tmp_path: Path) -> None:
+    for shares in (None, [0.5, 0.5], [1.5]):
+        with pytest.raises(typer.BadParameter, match="one --blend-share of 0 to 1"):
+            export(
+                tmp_path / "a.pt",
+                tmp_path,
+                tmp_path / "a.onnx",
+                blend=[tmp_path / "b.pt"],
+                blend_share=shares,
+            )

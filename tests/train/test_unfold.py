@@ -12,9 +12,10 @@ from swardmap.errors import ModelError
 from swardmap.models import bundled_network
 from swardmap.models.onnx import OnnxSegmenter
 from swardmap.train.build import add_grass_bias, build_network, network_spec
+from swardmap.train.checkpoint import load_network
 from swardmap.train.data import load_photos
 from swardmap.train.export import export_onnx, quantise, with_spec
-from swardmap.train.loop import averaged_network, predict, train
+from swardmap.train.loop import predict, train
 from swardmap.train.networks import DeepLabV3Plus
 from swardmap.train.recipe import recipe_from_dict
 from swardmap.train.unfold import unfold
@@ -104,20 +105,19 @@ def test_another_network_or_no_network_is_said(
 def test_training_may_begin_from_the_network_in_the_package(
     data_root: Path, tiny_recipe: MakeRecipe, tmp_path: Path
 ) -> None:
-    lite2 = {"encoder": "efficientnet-lite2", "decoder_channels": 128, "rates": [6, 12, 18]}
-    tree = tiny_recipe(steps=1, **lite2, width=192, height=144) | {"start": "auto"}
-    tree["schedule"] |= {"encoder_rate": 0.0, "decoder_rate": 0.0, "crop": 0, "batch": 2}
-    recipe = recipe_from_dict(tree)
-    run = train(recipe, data_root, tmp_path, lambda _: None)
     path = bundled_network()
     assert path is not None
-    shipped, network = OnnxSegmenter(path), averaged_network(run)
-    for photo in load_photos(recipe, data_root, validation=True)[0].photos:
-        found = predict(network, recipe, photo, run.device)
+    shipped = OnnxSegmenter(path)
+    lite2 = {"encoder": "efficientnet-lite2", "decoder_channels": 128, "rates": [6, 12, 18]}
+    size = {"width": shipped.spec.width, "height": shipped.spec.height}
+    tree = tiny_recipe(steps=1, **lite2, **size) | {"start": "auto"}
+    tree["schedule"] |= {"encoder_rate": 0.0, "decoder_rate": 0.0, "batch": 2}
+    tree["data"].pop()  # nothing to validate
+    train(recipe_from_dict(tree), data_root, tmp_path, lambda _: None)
+    network, recipe, _ = load_network(tmp_path / "start.pt")
+    add_grass_bias(network, network_spec(recipe), shipped.spec.training["grass_bias"])  # as at its export
+    for photo in load_photos(recipe, data_root, validation=False)[0].photos[:6]:
+        found = predict(network, recipe, photo, torch.device("cpu"))
         labels, confidence = shipped.segment(photo.image)
         expected = Segmentation(labels, shipped.label_set, confidence).resized_to(*photo.codes.shape)
-        assert found.confidence is not None
-        assert expected.confidence is not None
-        sure = (expected.confidence > 0.9) & (found.confidence > 0.9)
-        assert sure.mean() > 0.3
-        assert (found.labels == expected.labels)[sure].mean() > 0.97  # its input has another size
+        assert (found.labels == expected.labels).mean() > 0.97  # INT8 rounds
