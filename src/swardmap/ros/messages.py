@@ -53,7 +53,7 @@ def _slot_value(slot: Any, value: Any) -> Any:
     element = getattr(slot, "value_type", None)
     if isinstance(value, np.ndarray) and not hasattr(slot, "size"):
         whole = array(value.dtype.char)
-        whole.frombytes(np.ascontiguousarray(value).data)
+        whole.frombytes(np.ascontiguousarray(value).reshape(-1).view(np.uint8).data)
         return whole
     if isinstance(value, (list, tuple)) and hasattr(element, "namespaces"):
         return [ros_message(_message_class(element), item) for item in value]
