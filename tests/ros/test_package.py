@@ -5,6 +5,7 @@ import importlib
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 from importlib.util import find_spec
@@ -145,6 +146,7 @@ def test_the_launch_file_starts_node_and_gate_in_a_namespace(tmp_path: Path) -> 
             questions = '[["state"], ["get", "cloud.max_range_m"], ["nodes"]]'
             answers: list[Any] = ast.literal_eval(program("ask", "/mower", questions))
         finally:
-            process.terminate()
+            process.send_signal(signal.SIGINT)  # launch stops what it started, as after Ctrl-C
+            process.wait(timeout=60)
     assert answers[:2] == ["unconfigured", 6.5]
     assert {"/mower/swardmap", "/mower/swardmap_gate"} <= set(answers[2])
