@@ -303,8 +303,12 @@ def test_what_a_slow_reader_missed_is_counted() -> None:
         seen.append(round((frame.stamp_ns / 1e6 - START_MS) / PERIOD_MS))
         time.sleep(0.05)
     assert 1 < len(seen) < 20
-    lone = source.skipped.get(REASON_COLOR, 0)  # of the first pair, which the SDK splits
-    assert source.skipped[REASON_MISSED] + len(seen) == seen[-1] - (0 if lone else seen[0] - 1)
+    lone = source.skipped.get(
+        REASON_COLOR, 0
+    )  # of pairs which the SDK splits: the first, or more on a busy machine
+    told = source.skipped[REASON_MISSED] + len(seen)
+    assert told + lone >= seen[-1] - seen[0] + 1  # nothing in between is passed over in silence
+    assert told <= seen[-1] + 1  # and nothing is counted twice
 
 
 def test_streams_that_are_not_there_are_listed() -> None:
