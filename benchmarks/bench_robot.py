@@ -56,6 +56,7 @@ CASES = (Case(5), Case(7.5), Case(10), Case(15), Case(15, threads=2), Case(15, q
 def environment() -> dict[str, str]:
     return os.environ | {
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": str(1 + os.getpid() % 99),
+        "FASTRTPS_DEFAULT_PROFILES_FILE": str(ROOT / "src/swardmap/data/nav2/fastdds.xml"),
         "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]),
     }  # fmt: skip
 
@@ -115,7 +116,7 @@ def play(rate_hz: float, namespace: str, out: Path, pid: int) -> None:
         depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
     )
     pubs = {
-        (name, topic): node.create_publisher(kind, f"{name}/{topic}", qos_profile_sensor_data)
+        (name, topic): node.create_publisher(kind, f"{name}/{topic}", 5)  # reliable, as realsense2_camera
         for name in rig.names
         for topic, kind in kinds.items()
     }
@@ -211,6 +212,7 @@ def stages(case: Case, told: dict[str, Any]) -> None:
     ordered = sorted(means.items(), key=lambda item: -item[1][1])
     shares = ", ".join(f"{name} {100 * core / total:.0f} %" for name, (_, core) in ordered)
     wall = sum(clock for clock, _ in means.values())
+    print(f"{case.name}: left out {told['health']['left_out']}")
     print(
         f"{case.name}: a frame {total:.0f} ms of a core ({wall:.0f} ms by the clock): {shares}; "
         f"a map {maps[1]:.0f} ms of a core",

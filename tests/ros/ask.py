@@ -5,6 +5,7 @@ python -m tests.ros.ask NAMESPACE '[["call", "clear"], ["set", "cloud.max_range_
 
 import json
 import sys
+import time
 from typing import Any
 
 import rclpy
@@ -23,6 +24,18 @@ def ask(node: Any, kind: Any, name: str, request: Any) -> Any:
     return future.result()
 
 
+def nodes(node: Any, *names: str) -> list[str]:
+    """All that are known, once those in the namespace are: their names come after their services."""
+    wanted, found = {(name, sys.argv[1]) for name in names}, list[tuple[str, str]]()
+    end = time.monotonic() + 30
+    while time.monotonic() < end:
+        found = node.get_node_names_and_namespaces()
+        if wanted <= set(found):
+            break
+        rclpy.spin_once(node, timeout_sec=0.1)
+    return [f"{namespace}/{name}" for name, namespace in found]
+
+
 def answer(node: Any, words: list[Any]) -> Any:
     what, *rest = words
     if what == "call":
@@ -38,10 +51,10 @@ def answer(node: Any, words: list[Any]) -> Any:
         said = ask(node, GetParameters, "get_parameters", GetParameters.Request(names=[rest[0]]))
         return said.values[0].double_value
     if what == "nodes":
-        return [f"{namespace}/{name}" for name, namespace in node.get_node_names_and_namespaces()]
+        return nodes(node, *rest)
     if what == "topics":
-        found = node.get_publisher_names_and_types_by_node("swardmap", sys.argv[1])
-        return dict(found)
+        nodes(node, "swardmap")
+        return dict(node.get_publisher_names_and_types_by_node("swardmap", sys.argv[1]))
     if what == "change":
         request = ChangeState.Request()
         request.transition.id = rest[0]

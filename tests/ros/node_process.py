@@ -17,7 +17,8 @@ import numpy as np
 HERE = Path(__file__).parent
 ROOT = HERE.parent.parent
 
-RELIABLY = {"queue_frames": 100, "image_reliability": "reliable", "image_depth": 50, "map_rate_hz": 20.0}
+RELIABLY = {"queue_frames": 100, "image_reliability": "reliable", "image_depth": 50, "map_rate_hz": 20.0,
+            "cloud_stride": 1}  # fmt: skip
 """Nothing is lost, so that what comes can be compared with what was sent."""
 
 

@@ -1,6 +1,6 @@
 """A program of its own, with plain rclpy: plays a recording to the node, writes down all it publishes.
 
-python -m tests.ros.player BAG OUT.npz NAMESPACE [--drop 0.3] [--late 0.0] [--count N]
+python -m tests.ros.player BAG OUT.npz NAMESPACE [--drop 0.3] [--best-effort] [--late 0.0] [--count N]
 """
 
 import argparse
@@ -75,6 +75,7 @@ class Ears:
         self.health: list[dict[str, Any]] = []
         self.diagnostics = self.updates = 0
         self.shift_ns = 0
+        self.before: dict[str, int] = {}
         for camera in cameras:
             at = "" if camera == "camera" else f"{camera}/"
             for kind in ("mask", "confidence"):
@@ -108,7 +109,7 @@ class Ears:
             at = "" if camera == "camera" else f"{camera}/"
             for kind in OF_FRAMES:
                 heard = sum(name.startswith(f"{at}{kind}/") for name in self.heard)
-                if heard != now["mapped"].get(camera, 0):
+                if heard != now["mapped"].get(camera, 0) - self.before.get(camera, 0):
                     return False
         newest = max((self.newest(f"{c}/mask/") for c in cameras), default=0)
         newest = max(newest, self.newest("mask/"))
@@ -129,8 +130,9 @@ class Ears:
 
     def cloud(self, kind: str) -> Any:
         def take(m: Any) -> None:
-            layout = np.dtype({"names": ["xyz", "label"], "formats": ["(3,)<f4", "<u4"], "offsets": [0, 16],
-                               "itemsize": m.point_step})  # fmt: skip
+            at = {field.name: field.offset for field in m.fields}
+            layout = np.dtype({"names": ["xyz", "label"], "formats": ["(3,)<f4", "<u4"],
+                               "offsets": [at["x"], at["label"]], "itemsize": m.point_step})  # fmt: skip
             points = np.frombuffer(m.data, layout)
             self.heard[f"{kind}/{self.stamp(m)}"] = np.column_stack([points["xyz"], points["label"]])
 
@@ -190,6 +192,7 @@ def main() -> int:
     parser.add_argument("out", type=Path)
     parser.add_argument("namespace")
     parser.add_argument("--drop", type=float, default=0.0)
+    parser.add_argument("--best-effort", action="store_true", help="offer images as best effort")
     parser.add_argument("--late", type=float, default=0.0, help="poses come so long after their images")
     parser.add_argument("--cameras", default="camera", help="names, with commas between")
     parser.add_argument("--wait", type=float, default=60.0, help="so long at most for all that is to come")
@@ -203,21 +206,34 @@ def main() -> int:
     with AnyReader([args.bag]) as reader:
         messages = [(t, c.topic, c.msgtype, bytes(data)) for c, t, data in reader.messages()]
     sends = QoSProfile(depth=50, reliability=ReliabilityPolicy.RELIABLE)
+    loses = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
+    of_images = loses if args.best_effort else sends
     pubs = {
         topic: node.create_publisher(
-            TYPES[kind], topic.lstrip("/"), LATCHED if topic == "/tf_static" else sends
+            TYPES[kind],
+            topic.lstrip("/"),
+            LATCHED if topic == "/tf_static" else of_images if kind.endswith("Image") else sends,
         )
         for _, topic, kind, _ in messages
     }
     wanted = {f"{camera}/{kind}" for camera in cameras for kind in OF_FRAMES}
+    images = {topic for _, topic, kind, _ in messages if kind.endswith("Image")}
+
+    def heard_as_offered(topic: str) -> bool:
+        asked = [
+            info.qos_profile.reliability for info in node.get_subscriptions_info_by_topic(topic.lstrip("/"))
+        ]
+        return asked == [of_images.reliability]
 
     def ready() -> bool:
         heard = bool(ears.health) and wanted <= set(ears.health[-1]["listened_to"])
-        return heard and all(p.get_subscription_count() for p in pubs.values())
+        heard = heard and all(p.get_subscription_count() for p in pubs.values())
+        return heard and all(heard_as_offered(topic) for topic in images)
 
     if not until(node, ready, 60):
         sys.stderr.write("the node did not come up\n")
         return 1
+    ears.before = ears.health[-1]["mapped"]  # by the node, of what was played to it before
     times = sorted({t for t, *_ in messages})[args.first : args.first + args.count]
     ears.shift_ns = time.time_ns() - times[0]
     random.seed(0)

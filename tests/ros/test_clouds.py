@@ -138,9 +138,15 @@ limits = st.fixed_dictionaries(
 )
 
 
-@given(limits, st.sampled_from([MapClass.UNKNOWN, MapClass.OBSTACLE]), st.integers(0, 5), st.booleans())
+@given(
+    limits,
+    st.sampled_from([MapClass.UNKNOWN, MapClass.OBSTACLE]),
+    st.integers(0, 5),
+    st.booleans(),
+    st.integers(1, 4),
+)
 def test_the_compiled_cloud_is_its_numpy_twin_bit_for_bit(
-    settings: dict[str, Any], lowest: MapClass, seed: int, metres: bool
+    settings: dict[str, Any], lowest: MapClass, seed: int, metres: bool, stride: int
 ) -> None:
     rng = np.random.default_rng(seed)
     frame = with_sensor_noise(render(garden_scene(0), SMALL, lane_poses(6)[seed]), rng, StereoNoise())
@@ -153,7 +159,10 @@ def test_the_compiled_cloud_is_its_numpy_twin_bit_for_bit(
     seen = frame, segmentation, frame.T_map_camera, config
     twin = frame_points(*seen)
     wanted = twin.kept & (GRASS_OBSTACLE_PERSON.map_class_table[twin.labels] >= lowest)
-    _, xyz, found = read(cloud_fields(*seen, AT, lowest))
+    taken = np.zeros((SMALL.height, SMALL.width), bool)
+    taken[::stride, ::stride] = True
+    wanted &= taken.reshape(-1)
+    _, xyz, found = read(cloud_fields(*seen, AT, lowest, stride=stride))
     np.testing.assert_array_equal(xyz, twin.xyz[wanted])
     np.testing.assert_array_equal(found, twin.labels[wanted])
 

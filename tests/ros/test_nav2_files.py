@@ -2,6 +2,7 @@
 
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree as ET
 
 import pytest
 import yaml
@@ -10,6 +11,7 @@ from swardmap.cli.app import run
 from swardmap.config import Config, config_from_dict
 from swardmap.errors import InvalidValueError, OutputError
 from swardmap.eval.margin_file import Margin, write_margin
+from swardmap.io.ros_fields import POINT
 from swardmap.labels import GRASS_OBSTACLE_PERSON
 from swardmap.ros.nav2_files import NAMES, nav2_files, write_nav2_files
 from swardmap.ros.parameters import Parameters, declarations, parameters_from
@@ -37,7 +39,8 @@ TOPICS = {
 
 
 def trees(config: Config = MARGIN, **options: Any) -> dict[str, Any]:
-    return {name: yaml.safe_load(text) for name, text in nav2_files(config, **options).items()}
+    files = nav2_files(config, **options)
+    return {name: yaml.safe_load(text) for name, text in files.items() if name.endswith(".yaml")}
 
 
 def costmaps(tree: dict[str, Any]) -> list[dict[str, Any]]:
@@ -165,12 +168,23 @@ def test_the_verb_takes_the_margin_file_and_the_rig(tmp_path: Path) -> None:
     (tmp_path / "rig.yaml").write_text(yaml.safe_dump(drive.RIG, sort_keys=False))
     options = ["--config", str(tmp_path / "margin.yaml"), "--rig", str(tmp_path / "rig.yaml")]
     assert run(["nav2", str(tmp_path / "out"), *options, "--namespace", "/mower"]) == 0
-    assert {p.stem for p in (tmp_path / "out").iterdir()} == set(NAMES)
+    assert {p.stem for p in (tmp_path / "out").iterdir()} == {*NAMES, "fastdds"}
     (costmap,) = costmaps(yaml.safe_load((tmp_path / "out/stvl.yaml").read_text()))
     assert costmap["footprint_padding"] == 0.21
     layer = costmap["stvl_layer"]
     assert layer["rear_left_mark"]["topic"] == "/mower/swardmap/rear_left/obstacles"
     assert run(["nav2", str(tmp_path / "out")]) == 1  # it does not write over what somebody may have changed
+
+
+def test_the_profile_gives_dds_room_for_any_image_that_the_node_sends() -> None:
+    root = ET.fromstring(nav2_files(Config())["fastdds.xml"])  # noqa: S314 - our own file
+    (shm,) = (
+        t for t in root.iter() if t.tag.endswith("transport_descriptor") and "SHM" in "".join(t.itertext())
+    )
+    sizes = {child.tag.rpartition("}")[2]: child.text for child in shm}
+    organised_vga = 640 * 480 * POINT.itemsize
+    assert int(sizes["maxMessageSize"] or 0) > organised_vga
+    assert int(sizes["segment_size"] or 0) > 4 * organised_vga
 
 
 def test_what_is_there_already_is_left_alone(tmp_path: Path) -> None:

@@ -209,6 +209,15 @@ def test_a_killed_node_comes_back(bag: Path, offline: MapRun, tmp_path: Path) ->
     assert_same_map(heard, offline)
 
 
+def test_a_camera_that_offers_best_effort_is_heard_too(bag: Path, tmp_path: Path) -> None:
+    with running(tmp_path, SETTINGS, RELIABLY | {"image_reliability": "auto"}) as robot:
+        _, first = robot.play(bag, "--best-effort", "--count", "4")
+        _, again = robot.play(bag)  # the camera is back, reliable now: each image once
+    assert first["health"][-1]["mapped"]["camera"] >= 1
+    before, after = again["health"][0]["mapped"]["camera"], again["health"][-1]["mapped"]["camera"]
+    assert after == before + FRAMES
+
+
 def test_of_a_rig_the_pair_that_faces_the_way_makes_one_map(tmp_path: Path) -> None:
     rig_file = tmp_path / "rig.yaml"
     rig_file.write_text(json.dumps(drive.RIG))

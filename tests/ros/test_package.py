@@ -143,7 +143,7 @@ def test_the_launch_file_starts_node_and_gate_in_a_namespace(tmp_path: Path) -> 
     }  # fmt: skip
     with subprocess.Popen([sys.executable, "-c", LAUNCH, str(file), *given], env=env) as process:
         try:
-            questions = '[["state"], ["get", "cloud.max_range_m"], ["nodes"]]'
+            questions = '[["state"], ["get", "cloud.max_range_m"], ["nodes", "swardmap", "swardmap_gate"]]'
             answers: list[Any] = ast.literal_eval(program("ask", "/mower", questions))
         finally:
             process.send_signal(signal.SIGINT)  # launch stops what it started, as after Ctrl-C

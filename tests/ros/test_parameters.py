@@ -82,7 +82,7 @@ SAFE: dict[str, Any] = {
     "costmap.inflation_radius_m": 0.8, "segmenter.min_confidence": 0.5, "geometry.enabled": True,
     "geometry.min_height_m": 0.2, "organised_cloud": True, "obstacle_cells_range_m": 5.0,
     "map_rate_hz": 2.0, "full_map_s": 0.0,
-    "pose_wait_ms": 100.0, "save_folder": "elsewhere", "grid.min_points": 2,
+    "pose_wait_ms": 100.0, "save_folder": "elsewhere", "cloud_stride": 4, "grid.min_points": 2,
 }  # fmt: skip
 
 
@@ -99,6 +99,7 @@ UNSAFE: dict[str, tuple[Any, str]] = {
     "rig_file": ("rig.yaml", "topics are chosen"), "mount.height_m": (1.0, "topics are chosen"),
     "watchdog.stale_s": (1.0, "memory"), "margin_file": ("margin.yaml", "costmap.margin_m"),
     "autostart": (False, "has started"), "queue_frames": (4, "topics are chosen"),
+    "image_reliability": ("reliable", "topics are chosen"),
 }  # fmt: skip
 
 

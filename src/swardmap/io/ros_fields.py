@@ -20,6 +20,9 @@ _ENCODINGS = {("uint8", 3): "rgb8", ("uint8", 1): "mono8", ("uint16", 1): "16UC1
 _FLOAT32, _UINT32 = 7, 6
 """Codes of sensor_msgs/PointField."""
 
+POINT = np.dtype([("xyz", "<f4", (3,)), ("label", "<u4")])
+"""A point of the clouds."""
+
 _NESTED, _REPEATED = 2, (3, 4)
 """How a typestore of `rosbags` marks messages in messages, arrays and sequences."""
 
@@ -153,23 +156,25 @@ def occupancy_grid_fields(data: NDArray[np.int8], spec: GridSpec, stamp_ns: int,
 def point_cloud_fields(
     xyz: NDArray[np.float32], labels: NDArray[np.uint8], stamp_ns: int, frame_id: str
 ) -> Fields:
-    """sensor_msgs/PointCloud2 of PCL's PointXYZL: x, y, z float32 and label uint32 at offset 16."""
-    layout = np.dtype(
-        {"names": ["xyz", "label"], "formats": ["(3,)<f4", "<u4"], "offsets": [0, 16], "itemsize": 32}
-    )
-    points = np.zeros(len(xyz), layout)
+    """sensor_msgs/PointCloud2 of x, y, z float32 and label uint32, as `packed_cloud_fields`."""
+    points = np.zeros(len(xyz), POINT)
     points["xyz"], points["label"] = xyz, labels
-    names = (("x", 0, _FLOAT32), ("y", 4, _FLOAT32), ("z", 8, _FLOAT32), ("label", 16, _UINT32))
+    return packed_cloud_fields(points, stamp_ns, frame_id)
+
+
+def packed_cloud_fields(points: NDArray[np.void], stamp_ns: int, frame_id: str) -> Fields:
+    """sensor_msgs/PointCloud2 of (N,) points of the layout `POINT`: half the bytes of PCL's PointXYZL."""
+    names = (("x", 0, _FLOAT32), ("y", 4, _FLOAT32), ("z", 8, _FLOAT32), ("label", 12, _UINT32))
     return {
         "header": header_fields(stamp_ns, frame_id),
         "height": 1,
-        "width": len(xyz),
+        "width": len(points),
         "fields": [{"name": n, "offset": o, "datatype": t, "count": 1} for n, o, t in names],
         "is_bigendian": False,
-        "point_step": layout.itemsize,
-        "row_step": layout.itemsize * len(xyz),
+        "point_step": POINT.itemsize,
+        "row_step": POINT.itemsize * len(points),
         "data": points.view(np.uint8).reshape(-1),
-        "is_dense": bool(np.isfinite(xyz).all()),
+        "is_dense": bool(np.isfinite(points["xyz"]).all()),
     }
 
 

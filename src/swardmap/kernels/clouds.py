@@ -8,7 +8,7 @@ from swardmap.kernels.grid import FAR_AWAY, _agreeing_row, _class_row, _depth_ro
 
 @compiled()
 def collect_points(  # type: ignore[no-untyped-def]
-    depth, unit_m, mask, rows, columns, table, ray_x, ray_y, up, limits, needed, lowest_class, xyz, labels
+    depth, unit_m, mask, rows, columns, table, ray_x, ray_y, up, limits, needed, lowest, stride, xyz, labels
 ):
     """Write the pixels that count, one after another.
 
@@ -24,15 +24,16 @@ def collect_points(  # type: ignore[no-untyped-def]
         up: (4,) float32, third row of T_map_camera.
         limits: float32 near, far, lowest, highest, relative, absolute (metres).
         needed: neighbours that must agree; 0 = no filter.
-        lowest_class: pixels of a smaller MapClass are left out.
-        xyz: (H * W, k >= 3) float32; x, y, z in the optical frame are written to the first three columns.
-        labels: (H * W, k) uint32; mask ids are written to the column 4.
+        lowest: pixels of a smaller MapClass are left out.
+        stride: only every n-th row and column.
+        xyz: (N, 3) float32, N large enough; gets x, y, z in the optical frame.
+        labels: (N,) uint32; gets mask ids.
 
     Returns:
         How many were written.
     """
     H, W = depth.shape
-    near, far, lowest, highest, relative, absolute_m = limits
+    near, far, floor_m, ceiling_m, relative, absolute_m = limits
     z_rows = np.full((3, W + 2), FAR_AWAY, np.float32)
     keep = np.ones(W, np.int32)
     classes = np.zeros(W, np.int32)
@@ -49,13 +50,15 @@ def collect_points(  # type: ignore[no-untyped-def]
         if rows[v] != mask_row:
             mask_row = rows[v]
             _class_row(mask[mask_row], columns, table, classes)
-        for u in range(W):
+        if v % stride:
+            continue
+        for u in range(0, W, stride):
             z = here[u + 1]
-            if (z > np.float32(0)) & (keep[u] > 0) & (classes[u] >= lowest_class):
+            if (z > np.float32(0)) & (keep[u] > 0) & (classes[u] >= lowest):
                 x, y = z * ray_x[u], z * ray_y[v]
                 height = up[0] * x + up[1] * y + up[2] * z + up[3]
-                if (height >= lowest) & (height <= highest):
+                if (height >= floor_m) & (height <= ceiling_m):
                     xyz[count, 0], xyz[count, 1], xyz[count, 2] = x, y, z
-                    labels[count, 4] = mask[mask_row, columns[u]]
+                    labels[count] = mask[mask_row, columns[u]]
                     count += 1
     return count

@@ -9,13 +9,10 @@ from swardmap.cloud import consistent_depth, crop_range
 from swardmap.config import CloudConfig
 from swardmap.geometry import Pose, deproject, transform_points
 from swardmap.grid import OccupancyGrid
-from swardmap.io.ros_fields import Fields, point_cloud_fields
+from swardmap.io.ros_fields import POINT, Fields, packed_cloud_fields, point_cloud_fields
 from swardmap.labels import VOID_ID, LabelSet, MapClass
 from swardmap.pipeline import StepResult
 from swardmap.types import Frame, Segmentation, nearest_indices
-
-POINT_STEP = 32
-"""Bytes of a point: PCL's PointXYZL."""
 
 ABOVE_GROUND_M = 0.1
 """Where the obstacle cloud puts what depth alone has marked: within the heights of any obstacle layer."""
@@ -88,6 +85,7 @@ def cloud_fields(
     stamped: tuple[int, str],
     lowest: MapClass = MapClass.UNKNOWN,
     others_m: NDArray[np.float32] | None = None,
+    stride: int = 1,
 ) -> Fields:
     """sensor_msgs/PointCloud2, x y z label, of the points of `frame_points` that are kept, compiled.
 
@@ -100,6 +98,7 @@ def cloud_fields(
         lowest: points of a lower map class are left out; OBSTACLE: the obstacle cloud.
         others_m: (N, 3) points in the optical frame of obstacles that the network did not name; they get the
             id of its first obstacle class.
+        stride: only every n-th row and column.
     """
     from swardmap.kernels.clouds import collect_points
 
@@ -109,23 +108,20 @@ def cloud_fields(
         [config.min_range_m, config.max_range_m, config.min_height_m, config.max_height_m,
          config.consistency_relative, config.consistency_m], np.float32,
     )  # fmt: skip
-    packed = np.zeros((depth.size, POINT_STEP // 4), np.float32)
+    packed = np.zeros(depth.size, POINT)
     count = collect_points(
         depth, np.float32(frame.depth_unit_m), mask,
         nearest_indices(depth.shape[0], mask.shape[0]), nearest_indices(depth.shape[1], mask.shape[1]),
         table.astype(np.int32), *frame.intrinsics.ray_tables(), T_map_camera.matrix[2].astype(np.float32),
-        limits, config.consistent_neighbours, int(lowest), packed, packed.view(np.uint32),
+        limits, config.consistent_neighbours, int(lowest), stride, packed["xyz"], packed["label"],
     )  # fmt: skip
     points = packed[:count]
     if others_m is not None and len(others_m):
         named = np.flatnonzero(table == MapClass.OBSTACLE)
-        more = np.zeros((len(others_m), points.shape[1]), np.float32)
-        more[:, :3] = others_m
-        more.view(np.uint32)[:, 4] = named[0] if len(named) else VOID_ID
+        more = np.zeros(len(others_m), POINT)
+        more["xyz"], more["label"] = others_m, named[0] if len(named) else VOID_ID
         points = np.concatenate([points, more])
-    empty = point_cloud_fields(np.zeros((0, 3), np.float32), np.zeros(0, np.uint8), *stamped)
-    data = points.view(np.uint8).reshape(-1)
-    return empty | {"width": len(points), "row_step": POINT_STEP * len(points), "data": data}
+    return packed_cloud_fields(points, *stamped)
 
 
 def marked_by_depth_m(step: StepResult) -> NDArray[np.float32]:

@@ -1,4 +1,4 @@
-"""Ready parameter files for Nav2 and the node, filled in with the margin, radii and cameras of a robot.
+"""Ready files for Nav2, DDS and the node, filled in with the margin, radii and cameras of a robot.
 
 The templates are in `swardmap/data/nav2`; what they name is held against Nav2's source by
 `tests/ros/test_nav2_files.py`.
@@ -14,7 +14,10 @@ from swardmap.errors import InvalidValueError
 FOLDER = Path(__file__).parent.parent / "data" / "nav2"
 
 NAMES = ("swardmap", "map", "costs", "obstacles", "stvl", "semantic", "collision_monitor")
-"""Files, without their ending .yaml."""
+"""Parameter files, without their ending .yaml."""
+
+DDS_PROFILE = "fastdds.xml"
+"""Room for images in Fast DDS's shared memory."""
 
 FRESH_S = 0.5
 """A camera's clouds are older than this when something is wrong."""
@@ -53,7 +56,8 @@ def nav2_files(
         "namespace": namespace, "base_frame": base_frame, "map_frame": map_frame,
         "update_s": repr(FRESH_S if len(cameras) == 1 else 0.0),
     }  # fmt: skip
-    return {f"{name}.yaml": _filled(name, values, cameras) for name in NAMES}
+    files = {f"{name}.yaml": _filled(name, values, cameras) for name in NAMES}
+    return files | {DDS_PROFILE: (FOLDER / DDS_PROFILE).read_text(encoding="utf-8")}
 
 
 def write_nav2_files(folder: str | Path, files: Mapping[str, str]) -> None:

@@ -10,16 +10,20 @@ from typing import Any
 from swardmap.errors import ConfigError, SwardmapError
 from swardmap.io.pairing import COLOR, DEPTH
 from swardmap.models import build_segmenter
+from swardmap.ros.image_topic import ImageTopic
 from swardmap.ros.inputs import is_compressed
 from swardmap.ros.outputs import Outputs
 from swardmap.ros.parameters import Declaration, Parameters, changed, declarations, parameters_from
 from swardmap.ros.services import serve
 from swardmap.ros.session import Session
-from swardmap.ros.topics import find_types, image_qos, latched_qos
+from swardmap.ros.topics import BEST_EFFORT, find_types, image_qos, latched_qos
 from swardmap.ros.warm_up import warm_up
 
 CHECKS_HZ = 10.0
 """How often the watchdog is asked, and the stop flag published."""
+
+FOLLOWS_S = 0.5
+"""How often the node looks at what the cameras offer."""
 
 WORKER_WAITS_S = 0.2
 
@@ -49,6 +53,7 @@ class RobotNode:
         self._outputs: Outputs | None = None
         self._threads: list[threading.Thread] = []
         self._held: list[Callable[[], object]] = []
+        self._images: list[ImageTopic] = []
         self._declare()
         self.node.add_managed_entity(self._managed())
 
@@ -202,6 +207,7 @@ class RobotNode:
         for destroy in self._held:
             destroy()
         self._held.clear()
+        self._images.clear()
         if self._outputs is not None:
             self._outputs.destroy()
         self.session = self._outputs = None
@@ -214,7 +220,6 @@ class RobotNode:
         from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
         node = self.parameters.node
-        images = image_qos(node.image_reliability, node.image_depth)
         for name, camera in session.inputs.items():
             topics = camera.topics
             for kind, topic, info in (
@@ -222,9 +227,12 @@ class RobotNode:
                 (DEPTH, topics.depth, topics.depth_info),
             ):
                 cls = CompressedImage if is_compressed(topic) else Image
-                self._listen(cls, topic, partial(self._on_image, name, kind), images)
+                heard = partial(self._on_image, name, kind)
+                images = ImageTopic(self.node, cls, topic, heard, node.image_reliability, node.image_depth)
+                self._images.append(images)
+                self._held.append(images.destroy)
                 self._listen(
-                    CameraInfo, info, partial(session.on_info, name, kind), image_qos("best_effort", 2)
+                    CameraInfo, info, partial(session.on_info, name, kind), image_qos(BEST_EFFORT, 2)
                 )
         self._subscribe_poses(session)
 
@@ -256,13 +264,18 @@ class RobotNode:
 
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # a simulation that pauses must not silence the flag
         timer = self.node.create_timer(1 / CHECKS_HZ, self._check, clock=steady)
-        self._held.append(partial(self.node.destroy_timer, timer))
+        follow = self.node.create_timer(FOLLOWS_S, self._follow_cameras, clock=steady)
+        self._held += [partial(self.node.destroy_timer, t) for t in (timer, follow)]
         if self._types["services"] is not None:
             self._held += serve(self.node, session)
 
     def _on_image(self, camera: str, kind: str, message: Any) -> None:
         if self.session is not None and self._active.is_set():
             self.session.on_image(camera, kind, message, self._now_ns())
+
+    def _follow_cameras(self) -> None:
+        for images in self._images:
+            images.follow()
 
     def _check(self) -> None:
         session, outputs = self.session, self._outputs
@@ -286,9 +299,11 @@ class RobotNode:
             mapped = session.process(WORKER_WAITS_S)
             if mapped is not None:
                 session.mapped(mapped.pair, self._now_ns())
-                organised = session.parameters.node.organised_cloud
+                node = session.parameters.node
                 with session.stages.measured("publish"):
-                    outputs.publish_frame(mapped, session.engine.config, organised)
+                    outputs.publish_frame(
+                        mapped, session.engine.config, node.cloud_stride, node.organised_cloud
+                    )
 
     def _publish_maps(self) -> None:
         session, outputs = self.session, self._outputs

@@ -150,8 +150,15 @@ class Outputs:
         for publisher in (*self._of_camera.values(), *grids, *rest):
             self._node.destroy_publisher(publisher)
 
-    def publish_frame(self, mapped: Mapped, config: Config, organised: bool) -> None:
-        """Mask, confidence and clouds of one frame, in its optical frame."""
+    def publish_frame(self, mapped: Mapped, config: Config, stride: int, organised: bool) -> None:
+        """Mask, confidence and clouds of one frame, in its optical frame.
+
+        Args:
+            mapped: the frame.
+            config: limits of the clouds.
+            stride: clouds hold every n-th row and column.
+            organised: the labelled cloud has one point a pixel instead.
+        """
         pair, step = mapped.pair, mapped.step
         stamped = pair.stamp_ns, pair.color_frame
         wanted = {
@@ -164,9 +171,10 @@ class Outputs:
         seen = step.frame, step.segmentation, step.T_map_camera, config.cloud
         if "cloud" in wanted:
             one_a_pixel = organised_cloud_fields(frame_points(*seen), *stamped) if organised else None
-            self._send(pair.camera, "cloud", self._cloud, one_a_pixel or cloud_fields(*seen, stamped))
+            cloud = one_a_pixel or cloud_fields(*seen, stamped, stride=stride)
+            self._send(pair.camera, "cloud", self._cloud, cloud)
         if "obstacles" in wanted:
-            cloud = cloud_fields(*seen, stamped, MapClass.OBSTACLE, marked_by_depth_m(step))
+            cloud = cloud_fields(*seen, stamped, MapClass.OBSTACLE, marked_by_depth_m(step), stride)
             self._send(pair.camera, "obstacles", self._cloud, cloud)
 
     def publish_map(self, grid: OccupancyGrid, costmap: Costmap | None, now_s: float, full_s: float) -> None:

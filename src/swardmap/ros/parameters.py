@@ -41,7 +41,9 @@ class NodeConfig(Checked):
     )
     pose_wait_ms: float = setting(300.0, "how long an image waits for its pose", minimum=0, maximum=10_000)
     image_reliability: str = setting(
-        "best_effort", "of image subscriptions", choices=("best_effort", "reliable")
+        "auto",
+        "of image subscriptions; auto: reliable where all publishers offer it, else best effort",
+        choices=("auto", "best_effort", "reliable"),
     )
     image_depth: int = setting(
         2, "images and clouds that DDS holds for each subscription and publisher", minimum=1, maximum=1000
@@ -58,6 +60,12 @@ class NodeConfig(Checked):
     )
     obstacle_cells_range_m: float = setting(
         10.0, "obstacles of the map this near to the camera are given as a cloud, too", minimum=0
+    )
+    cloud_stride: int = setting(
+        2,
+        "clouds of frames hold every n-th row and column; an organised one all of them",
+        minimum=1,
+        maximum=16,
     )
     organised_cloud: bool = setting(False, "one point a pixel, NaN where there is none")
     save_folder: str = setting("swardmap_maps", "where the service save writes: one new folder a call")

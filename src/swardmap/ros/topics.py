@@ -22,6 +22,9 @@ OPTIONAL: Mapping[str, tuple[str, str]] = {
 """Types a ROS may lack: what they are for, and what the node does without them."""
 
 
+RELIABLE, BEST_EFFORT = "reliable", "best_effort"
+
+
 def rclpy_module() -> Any:
     """rclpy, or the message that says how to get it.
 
@@ -62,10 +65,10 @@ def find_types() -> Types:
 
 
 def image_qos(reliability: str, depth: int) -> Any:
-    """Sensor data: volatile, best effort unless a recording is to be played without loss."""
+    """Sensor data: volatile, `reliable` or `best_effort`, with so many messages held."""
     from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-    policies = {"best_effort": ReliabilityPolicy.BEST_EFFORT, "reliable": ReliabilityPolicy.RELIABLE}
+    policies = {BEST_EFFORT: ReliabilityPolicy.BEST_EFFORT, RELIABLE: ReliabilityPolicy.RELIABLE}
     return QoSProfile(depth=depth, reliability=policies[reliability], durability=DurabilityPolicy.VOLATILE)
 
 
