@@ -192,7 +192,7 @@ def main() -> int:
     parser.add_argument("out", type=Path)
     parser.add_argument("namespace")
     parser.add_argument("--drop", type=float, default=0.0)
-    parser.add_argument("--best-effort", action="store_true", help="offer images as best effort")
+    parser.add_argument("--best-effort", action="store_true", help="offer images and odometry as best effort")
     parser.add_argument("--late", type=float, default=0.0, help="poses come so long after their images")
     parser.add_argument("--cameras", default="camera", help="names, with commas between")
     parser.add_argument("--wait", type=float, default=60.0, help="so long at most for all that is to come")
@@ -207,28 +207,28 @@ def main() -> int:
         messages = [(t, c.topic, c.msgtype, bytes(data)) for c, t, data in reader.messages()]
     sends = QoSProfile(depth=50, reliability=ReliabilityPolicy.RELIABLE)
     loses = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
-    of_images = loses if args.best_effort else sends
+    of_sensors = loses if args.best_effort else sends
+    sensors = {topic for _, topic, kind, _ in messages if kind.endswith(("Image", "Odometry"))}
     pubs = {
         topic: node.create_publisher(
             TYPES[kind],
             topic.lstrip("/"),
-            LATCHED if topic == "/tf_static" else of_images if kind.endswith("Image") else sends,
+            LATCHED if topic == "/tf_static" else of_sensors if topic in sensors else sends,
         )
         for _, topic, kind, _ in messages
     }
     wanted = {f"{camera}/{kind}" for camera in cameras for kind in OF_FRAMES}
-    images = {topic for _, topic, kind, _ in messages if kind.endswith("Image")}
 
     def heard_as_offered(topic: str) -> bool:
         asked = [
             info.qos_profile.reliability for info in node.get_subscriptions_info_by_topic(topic.lstrip("/"))
         ]
-        return asked == [of_images.reliability]
+        return asked == [of_sensors.reliability]
 
     def ready() -> bool:
         heard = bool(ears.health) and wanted <= set(ears.health[-1]["listened_to"])
         heard = heard and all(p.get_subscription_count() for p in pubs.values())
-        return heard and all(heard_as_offered(topic) for topic in images)
+        return heard and all(heard_as_offered(topic) for topic in sensors)
 
     if not until(node, ready, 60):
         sys.stderr.write("the node did not come up\n")

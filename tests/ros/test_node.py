@@ -209,7 +209,7 @@ def test_a_killed_node_comes_back(bag: Path, offline: MapRun, tmp_path: Path) ->
     assert_same_map(heard, offline)
 
 
-def test_a_camera_that_offers_best_effort_is_heard_too(bag: Path, tmp_path: Path) -> None:
+def test_camera_and_odometry_that_offer_best_effort_are_heard_too(bag: Path, tmp_path: Path) -> None:
     with running(tmp_path, SETTINGS, RELIABLY | {"image_reliability": "auto"}) as robot:
         _, first = robot.play(bag, "--best-effort", "--count", "4")
         _, again = robot.play(bag)  # the camera is back, reliable now: each image once

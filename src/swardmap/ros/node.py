@@ -10,12 +10,12 @@ from typing import Any
 from swardmap.errors import ConfigError, SwardmapError
 from swardmap.io.pairing import COLOR, DEPTH
 from swardmap.models import build_segmenter
-from swardmap.ros.image_topic import ImageTopic
 from swardmap.ros.inputs import is_compressed
 from swardmap.ros.outputs import Outputs
 from swardmap.ros.parameters import Declaration, Parameters, changed, declarations, parameters_from
 from swardmap.ros.services import serve
 from swardmap.ros.session import Session
+from swardmap.ros.subscription import AUTO, Subscription
 from swardmap.ros.topics import BEST_EFFORT, find_types, image_qos, latched_qos
 from swardmap.ros.warm_up import warm_up
 
@@ -23,7 +23,7 @@ CHECKS_HZ = 10.0
 """How often the watchdog is asked, and the stop flag published."""
 
 FOLLOWS_S = 0.5
-"""How often the node looks at what the cameras offer."""
+"""How often the node looks at what those who publish images and odometry offer."""
 
 WORKER_WAITS_S = 0.2
 
@@ -53,7 +53,7 @@ class RobotNode:
         self._outputs: Outputs | None = None
         self._threads: list[threading.Thread] = []
         self._held: list[Callable[[], object]] = []
-        self._images: list[ImageTopic] = []
+        self._followed: list[Subscription] = []
         self._declare()
         self.node.add_managed_entity(self._managed())
 
@@ -207,7 +207,7 @@ class RobotNode:
         for destroy in self._held:
             destroy()
         self._held.clear()
-        self._images.clear()
+        self._followed.clear()
         if self._outputs is not None:
             self._outputs.destroy()
         self.session = self._outputs = None
@@ -228,9 +228,9 @@ class RobotNode:
             ):
                 cls = CompressedImage if is_compressed(topic) else Image
                 heard = partial(self._on_image, name, kind)
-                images = ImageTopic(self.node, cls, topic, heard, node.image_reliability, node.image_depth)
-                self._images.append(images)
-                self._held.append(images.destroy)
+                self._follow(
+                    Subscription(self.node, cls, topic, heard, node.image_reliability, node.image_depth)
+                )
                 self._listen(
                     CameraInfo, info, partial(session.on_info, name, kind), image_qos(BEST_EFFORT, 2)
                 )
@@ -244,7 +244,8 @@ class RobotNode:
         tf = self._types["tf"]
         if session.poses.from_odometry:
             topic = self.parameters.config.source.odometry_topic
-            self._listen(Odometry, topic, lambda m: session.on_odometry(m, self._now_ns()), 50)
+            heard = partial(self._on_odometry, session)
+            self._follow(Subscription(self.node, Odometry, topic, heard, AUTO, 50))
         elif tf is None:
             raise ConfigError(
                 "poses by tf need tf2_msgs, which this ROS lacks: set source.odometry_topic, or install "
@@ -255,6 +256,10 @@ class RobotNode:
         if tf is not None:
             self._listen(tf, "/tf_static", lambda m: session.on_tf(m, True, self._now_ns()), latched_qos(100))
 
+    def _follow(self, subscription: Subscription) -> None:
+        self._followed.append(subscription)
+        self._held.append(subscription.destroy)
+
     def _listen(self, cls: Any, topic: str | None, callback: Callable[[Any], None], qos: Any) -> None:
         subscription = self.node.create_subscription(cls, topic, callback, qos)
         self._held.append(partial(self.node.destroy_subscription, subscription))
@@ -264,7 +269,7 @@ class RobotNode:
 
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # a simulation that pauses must not silence the flag
         timer = self.node.create_timer(1 / CHECKS_HZ, self._check, clock=steady)
-        follow = self.node.create_timer(FOLLOWS_S, self._follow_cameras, clock=steady)
+        follow = self.node.create_timer(FOLLOWS_S, self._look_at_publishers, clock=steady)
         self._held += [partial(self.node.destroy_timer, t) for t in (timer, follow)]
         if self._types["services"] is not None:
             self._held += serve(self.node, session)
@@ -273,9 +278,12 @@ class RobotNode:
         if self.session is not None and self._active.is_set():
             self.session.on_image(camera, kind, message, self._now_ns())
 
-    def _follow_cameras(self) -> None:
-        for images in self._images:
-            images.follow()
+    def _on_odometry(self, session: Session, message: Any) -> None:
+        session.on_odometry(message, self._now_ns())
+
+    def _look_at_publishers(self) -> None:
+        for subscription in self._followed:
+            subscription.follow()
 
     def _check(self) -> None:
         session, outputs = self.session, self._outputs

@@ -1,4 +1,4 @@
-"""A subscription to images that is as reliable as those who publish them; rclpy is imported late."""
+"""A subscription that is as reliable as those who publish its topic; rclpy is imported late."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -13,7 +13,7 @@ def fitting(offered_reliable: Sequence[bool], now: str) -> str:
 
     Args:
         offered_reliable: whether each publisher offers to be reliable.
-        now: how the topic is heard, which stays where nobody publishes: a camera may just start again.
+        now: how the topic is heard, which stays where nobody publishes: a driver may just start again.
 
     Returns:
         `reliable` or `best_effort`.
@@ -23,8 +23,8 @@ def fitting(offered_reliable: Sequence[bool], now: str) -> str:
     return RELIABLE if all(offered_reliable) else BEST_EFFORT
 
 
-class ImageTopic:
-    """A subscription to images.
+class Subscription:
+    """A subscription to images or poses.
 
     A reliable subscription hears nothing of a publisher that offers best effort. Best effort hears all, but
     loses images that are larger than DDS's shared memory (Fast DDS, as it comes: 0.5 MB) on a busy machine.
@@ -35,7 +35,7 @@ class ImageTopic:
         topic: its name before remapping.
         callback: is given each message.
         reliability: `reliable`, `best_effort`, or `auto`: reliable where all publishers offer it. Call
-            `follow` from time to time, since a camera may come late, or come back offering something else.
+            `follow` from time to time, since a driver may come late, or come back offering something else.
         depth: messages that DDS holds.
     """
 
@@ -95,7 +95,7 @@ class ImageTopic:
         elif reliable:
             log.warning(f"{name} has {publishers} publishers, not all of them reliable: heard as best effort")
         else:
-            log.warning(f"{name} is offered as best effort: large images may get lost (docs/robot.md)")
+            log.warning(f"{name} is offered as best effort: large messages may get lost (docs/robot.md)")
 
 
 def _ignore(_: Any) -> None:

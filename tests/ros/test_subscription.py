@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swardmap.ros.image_topic import ImageTopic, fitting
+from swardmap.ros.subscription import Subscription, fitting
 from swardmap.ros.topics import BEST_EFFORT, RELIABLE, image_qos
 from tests.ros.node_process import environment
 
@@ -54,10 +54,10 @@ class Stage:
         self.executor.add_node(self.hears)
         self.heard: list[str] = []
 
-    def listen(self, reliability: str) -> ImageTopic:
+    def listen(self, reliability: str) -> Subscription:
         from std_msgs.msg import String
 
-        return ImageTopic(self.hears, String, "image", lambda m: self.heard.append(m.data), reliability, 5)
+        return Subscription(self.hears, String, "image", lambda m: self.heard.append(m.data), reliability, 5)
 
     def publisher(self, reliability: str) -> Any:
         from std_msgs.msg import String
@@ -69,7 +69,7 @@ class Stage:
 
         publisher.publish(String(data=word))
 
-    def until(self, done: Callable[[], bool], topic: ImageTopic, seconds: float = 30.0) -> bool:
+    def until(self, done: Callable[[], bool], topic: Subscription, seconds: float = 30.0) -> bool:
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             self.executor.spin_once(timeout_sec=0.02)
@@ -94,7 +94,7 @@ def stage() -> Iterator[Stage]:
     made.context.try_shutdown()
 
 
-def heard_by_one(stage: Stage, topic: ImageTopic, publisher: Any, reliability: str, word: str) -> None:
+def heard_by_one(stage: Stage, topic: Subscription, publisher: Any, reliability: str, word: str) -> None:
     """One subscription, as reliable as that, which hears each word once."""
     assert stage.until(
         lambda: stage.asks() == [reliability] and publisher.get_subscription_count() == 1, topic
