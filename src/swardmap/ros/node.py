@@ -244,6 +244,7 @@ class RobotNode:
         tf = self._types["tf"]
         if session.poses.from_odometry:
             topic = self.parameters.config.source.odometry_topic
+            assert topic is not None  # noqa: S101 - poses are from odometry only where a topic is set
             heard = partial(self._on_odometry, session)
             self._follow(Subscription(self.node, Odometry, topic, heard, AUTO, 50))
         elif tf is None:
