@@ -20,9 +20,10 @@ from swardmap.models import bundled_network
 from swardmap.models.colour import grass_threshold, green_chromaticity
 from swardmap.models.onnx import OnnxSegmenter
 from swardmap.train.check import Checked, check
+from swardmap.train.classes import classes_text
 from swardmap.train.data import load_photos
 from swardmap.train.photos import Photo
-from swardmap.train.recipe import LABEL_SETS, recipe_from_dict
+from swardmap.train.recipe import recipe_from_dict
 from swardmap.train.score import Score
 
 
@@ -52,7 +53,7 @@ def main() -> None:
     if path is None:
         raise SystemExit("this package holds no network")
     label_set = GRASS_OBSTACLE_PERSON if colour else OnnxSegmenter(path).label_set
-    network = {"classes": next(name for name, known in LABEL_SETS.items() if known == label_set)}
+    network = {"classes": classes_text(label_set)}
     recipe = {"name": "score", "network": network, "data": [{**entry, "validation": False}, entry]}
     photos = load_photos(recipe_from_dict(recipe), arguments.data.resolve().parent, validation=True)[0].photos
     if colour:

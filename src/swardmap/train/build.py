@@ -1,12 +1,18 @@
 """A recipe's network, and what it takes and gives."""
 
+from collections.abc import Mapping
+
 import torch
+from torch import Tensor
 
 from swardmap.labels import Role
 from swardmap.models.spec import NetworkSpec
 from swardmap.train.encoders import RESNET_DEPTHS, freeze_filters, load_imagenet
 from swardmap.train.networks import DeepLabV3Plus
 from swardmap.train.recipe import Recipe
+
+HEAD = ("segmentation_head.0.weight", "segmentation_head.0.bias")
+"""The last layer, with one row for each output."""
 
 LITE_NORMALISATION = ((0.498, 0.498, 0.498), (0.502, 0.502, 0.502))
 RESNET_NORMALISATION = ((0.485, 0.456, 0.406), (0.229, 0.224, 0.225))
@@ -42,10 +48,36 @@ def build_network(recipe: Recipe, pretrained: bool = True) -> DeepLabV3Plus:
     return network
 
 
+def fitted_head(
+    found: Mapping[str, Tensor], own: Mapping[str, Tensor], spec: NetworkSpec, source: NetworkSpec
+) -> dict[str, Tensor]:
+    """The head of another network for the classes of this one: by name, else the first of the same role.
+
+    Args:
+        found: the other network's tensors, with those of `HEAD`.
+        own: this network's; a sigmoid and a softmax have nothing in common, and it keeps its head.
+        spec: of this network.
+        source: of the other.
+
+    Returns:
+        The tensors of `HEAD`.
+    """
+    meant = spec.label_set.remap_table(source.label_set)[list(spec.channel_ids)]
+    strange = not set(meant.tolist()) <= set(source.channel_ids)
+    if strange or spec.activation != source.activation:
+        return {key: own[key] for key in HEAD}
+    rows = [source.channel_ids.index(int(i)) for i in meant] if spec.channels > 1 else [0]
+    return {key: found[key][rows] for key in HEAD}
+
+
 @torch.no_grad()
 def add_grass_bias(network: DeepLabV3Plus, spec: NetworkSpec, bias: float) -> None:
     """Add to the logits of the classes that may be driven on."""
+    network.segmentation_head[0].bias += grass_shift(spec, bias)
+
+
+def grass_shift(spec: NetworkSpec, bias: float) -> Tensor:
+    """(channels,) float32: the bias for each output of a class that may be driven on, 0 for the others."""
     roles = {c.id: c.role for c in spec.label_set.classes}
-    free = torch.tensor([roles[i] is Role.FREE for i in spec.channel_ids][-spec.channels :])
-    shift = network.segmentation_head[0].bias
-    shift += bias * free.to(shift)
+    free = [roles[i] is Role.FREE for i in spec.channel_ids][-spec.channels :]
+    return bias * torch.tensor(free, dtype=torch.float32)

@@ -11,12 +11,11 @@ import torch
 from torch import Tensor, nn
 
 from swardmap.errors import ConfigError, InputError, ModelError, OutputError
-from swardmap.train.build import build_network
+from swardmap.train.build import build_network, fitted_head, network_spec
 from swardmap.train.networks import DeepLabV3Plus
 from swardmap.train.recipe import Recipe, recipe_from_dict, recipe_to_dict
 
 CHECKPOINT_VERSION = 1
-HEAD = "segmentation_head."
 
 
 @dataclass(eq=False)
@@ -86,16 +85,16 @@ def restore(run: Run, path: Path) -> None:
 def begin_from(run: Run, path: Path) -> None:
     """Take the weights of another run's checkpoint; steps, learning rates and history start anew.
 
-    A network of other classes takes all but the head, its last layer.
+    A network of other classes takes what it can of the head, its last layer; see `fitted_head`.
 
     Raises:
         ModelError: for a file that is no checkpoint, or one of another network.
     """
-    average, own = read_checkpoint(path)["average"], run.network.state_dict()
-    average |= {k: own[k] for k in own if k.startswith(HEAD) and _shape(average.get(k)) != own[k].shape}
+    state, own = read_checkpoint(path), run.network.state_dict()
+    specs = network_spec(run.recipe), network_spec(recipe_from_dict(state["recipe"], str(path)))
     try:
-        run.network.load_state_dict(average)
-    except RuntimeError as error:  # torch lists every tensor that does not fit
+        run.network.load_state_dict(state["average"] | fitted_head(state["average"], own, *specs))
+    except (RuntimeError, LookupError) as error:  # torch lists every tensor that does not fit
         raise ModelError(
             f"{path}: expected a checkpoint of the same network as the recipe's "
             f"({run.recipe.network.encoder}), got another"
@@ -151,10 +150,6 @@ def blended(network: DeepLabV3Plus, path: Path, share: float) -> None:
         raise ModelError(f"{path}: expected a checkpoint of the same network, got another")
     mixed = {k: v.lerp(other[k].to(v), share) if v.is_floating_point() else v for k, v in own.items()}
     network.load_state_dict(mixed)
-
-
-def _shape(value: Any) -> tuple[int, ...] | None:
-    return getattr(value, "shape", None)
 
 
 def make_folder(path: Path) -> None:

@@ -15,7 +15,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F  # noqa: N812 - torch's own name for it
 
 from swardmap.errors import ConfigError
-from swardmap.labels import VOID_ID
+from swardmap.labels import VOID_ID, LabelSet, Role
 from swardmap.models import bundled_network
 from swardmap.models.onnx import decide, preprocess
 from swardmap.train.build import build_network, network_spec
@@ -97,7 +97,7 @@ def train(recipe: Recipe, root: Path, out: Path, report: Report, device: str = "
             figures = validate(network, recipe, check, run.device)
             run.history.append({"step": run.step, "loss": loss, **figures})
             report(run.history[-1])
-            save_progress(run, out, merit(figures, check))
+            save_progress(run, out, merit(figures, check, recipe.network.label_set))
             write_pictures(out, run.history, _examples(network, recipe, check, run.device))
     return run
 
@@ -112,7 +112,7 @@ def _begin(run: Run, root: Path, sets: Sequence[PhotoSet]) -> None:
     if path is None:
         raise ConfigError(f"recipe {run.recipe.name}: start: auto, but this package holds no network")
     views = (draw_batch(sets, run.recipe, range(8), step) for step in range(UNFOLDING_BATCHES))
-    unfold(path, run.network, (_tensors(v, run)[0] for v in views))
+    unfold(path, run.network, network_spec(run.recipe), (_tensors(v, run)[0] for v in views))
     run.average = {k: v.detach().clone() for k, v in run.network.state_dict().items()}
 
 
@@ -177,7 +177,7 @@ def predict(network: nn.Module, recipe: Recipe, photo: Photo, device: torch.devi
     return Segmentation(labels, spec.label_set, confidence).resized_to(*photo.codes.shape)
 
 
-def merit(figures: Mapping[str, Any], sets: Sequence[PhotoSet]) -> float:
+def merit(figures: Mapping[str, Any], sets: Sequence[PhotoSet], label_set: LabelSet) -> float:
     """One number to choose the best checkpoint by: grass found, obstacles not run over, persons seen.
 
     The mean over the validation sets by their weights, however many photos each has.
@@ -186,11 +186,17 @@ def merit(figures: Mapping[str, Any], sets: Sequence[PhotoSet]) -> float:
     weights = [s.config.weight for s in sets]
     values = []
     for prefix in prefixes:
-        grass, person, run_over = (
-            figures.get(prefix + name) or 0.0 for name in ("grass_iou", "person_iou", "obstacle_called_grass")
+        free, person = (
+            [figures.get(f"{prefix}{c.name}_iou") or 0.0 for c in label_set.classes if c.role is role]
+            for role in (Role.FREE, Role.PERSON)
         )
-        values.append(grass + 0.25 * person - run_over)
+        run_over = figures.get(f"{prefix}obstacle_called_grass") or 0.0
+        values.append(_mean(free) + 0.25 * _mean(person) - run_over)
     return float(np.average(values, weights=weights)) if sum(weights) > 0 else 0.0
+
+
+def _mean(values: Sequence[float]) -> float:
+    return sum(values) / len(values) if values else 0.0
 
 
 def averaged_network(run: Run) -> DeepLabV3Plus:

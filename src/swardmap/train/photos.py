@@ -58,7 +58,7 @@ def read_photos(config: DataConfig, number: int, network: NetworkConfig, root: P
     paths = image_paths(config, root)
     if config.annotations is None:
         return [_load(path, config, number, network, root, None) for path in paths]
-    annotated = _annotated(config, root)
+    annotated = _annotated(config, network, root)
     return [_load(p, config, number, network, root, annotated) for p in paths if p.stem in annotated]
 
 
@@ -91,11 +91,11 @@ def _held_out(paths: list[Path], config: DataConfig) -> list[Path]:
     return paths[:: config.every]
 
 
-def _annotated(config: DataConfig, root: Path) -> dict[str, Callable[[], Image]]:
+def _annotated(config: DataConfig, network: NetworkConfig, root: Path) -> dict[str, Callable[[], Image]]:
     """Masks of an annotation file by the stem of their image; each is painted when it is called for."""
     file = root / config.folder / str(config.annotations)
     classes = dict(_pairs(config.classes, config, "person=person,*=void"))
-    masks = read_masks(file, GRASS_OBSTACLE_PERSON, classes)
+    masks = read_masks(file, network.data_label_set, classes)
     by_stem: dict[str, Callable[[], Image]] = {}
     for name in masks:
         if Path(name).name in by_stem:
@@ -168,16 +168,17 @@ def _partial(codes: Image, config: DataConfig, number: int) -> Image:
 
 def _class_indices(config: DataConfig, network: NetworkConfig) -> NDArray[np.uint8]:
     """(256,) uint8: id in the data set's masks -> index of the class, 255 = void."""
+    names = network.data_label_set
+    named = _index_table(names, network)
     if not config.ids:
-        return _index_table(GRASS_OBSTACLE_PERSON, network)
+        return named
     table = np.full(256, VOID_ID, np.uint8)
-    named = _index_table(GRASS_OBSTACLE_PERSON, network)
     for number, name in _pairs(config.ids, config, "0=other,1=grass"):
         if not number.isdigit() or not int(number) <= VOID_ID:
             raise ConfigError(
                 f"data set {config.name}: expected ids as 0=other,1=grass, got '{number}={name}'"
             )
-        table[int(number)] = named[GRASS_OBSTACLE_PERSON[name].id]
+        table[int(number)] = named[names[name].id]
     return table
 
 

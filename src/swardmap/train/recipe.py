@@ -4,7 +4,6 @@ The recipe of the shipped network is in the folder `recipes` of the repository.
 """
 
 import hashlib
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
@@ -12,13 +11,10 @@ from typing import Any
 import yaml
 
 from swardmap.errors import ConfigError
-from swardmap.labels import GRASS_OBSTACLE, GRASS_OBSTACLE_PERSON, LabelSet, Role
+from swardmap.labels import GRASS_OBSTACLE_PERSON, LabelSet, Role
 from swardmap.settings import Checked, build, setting
+from swardmap.train.classes import PAPER_SETS, read_classes
 
-LABEL_SETS: Mapping[str, LabelSet] = {
-    "grass-obstacle": GRASS_OBSTACLE,
-    "grass-obstacle-person": GRASS_OBSTACLE_PERSON,
-}
 ENCODER_NAMES = ("resnet18", "resnet34", "efficientnet-lite0", "efficientnet-lite1", "efficientnet-lite2")
 
 
@@ -31,7 +27,9 @@ class NetworkConfig(Checked):
     rates: tuple[int, int, int] = setting((6, 12, 18), "dilations of ASPP")
     dropout: float = setting(0.1, "before the head", minimum=0, maximum=0.9)
     activation: str = setting("softmax", "sigmoid: one channel, two classes", choices=("softmax", "sigmoid"))
-    classes: str = setting("grass-obstacle-person", "", choices=tuple(LABEL_SETS))
+    classes: str = setting(
+        "grass-obstacle-person", "or grass-obstacle, or own ones: other=obstacle,grass=free,flowers=obstacle"
+    )
     width: int = setting(384, "of the input in pixels", minimum=32)
     height: int = setting(288, "of the input in pixels", minimum=32)
     imagenet: bool = setting(True, "start the encoder from ImageNet where such weights are to be had")
@@ -40,10 +38,19 @@ class NetworkConfig(Checked):
         0, "classes of the finer labels that help in training; 0 = none", minimum=0
     )
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        read_classes(self.classes)
+
     @property
     def label_set(self) -> LabelSet:
         """Classes of the mask."""
-        return LABEL_SETS[self.classes]
+        return read_classes(self.classes)
+
+    @property
+    def data_label_set(self) -> LabelSet:
+        """What ids and names mean in data sets that do not say it themselves."""
+        return GRASS_OBSTACLE_PERSON if self.classes in PAPER_SETS else self.label_set
 
     @property
     def trained_ids(self) -> tuple[int, ...]:
@@ -100,7 +107,7 @@ class DataConfig(Checked):
     )
     label_suffix: str = setting(".png", "what follows the image's stem in the mask's name")
     ids: str = setting(
-        "", "classes of the masks' ids, as 0=other,1=grass,2=person (the default); others void"
+        "", "classes of the masks' ids, as 0=other,1=grass,2=person (own classes: as listed); others void"
     )
     fine: str | None = setting(None, "subfolder of masks with finer classes; 0 and 255 are void")
     pseudo: str | None = setting(None, "folder of teachers' masks, made by `swardmap train --distil`")

@@ -5,7 +5,7 @@ are read back, and each batch norm gets the statistics of the training images an
 undo them: the network computes what the file computes, and learns as one that was never folded.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from swardmap.errors import ModelError
-from swardmap.train.build import add_grass_bias
+from swardmap.models.spec import NetworkSpec
+from swardmap.train.build import HEAD, fitted_head, grass_shift
 from swardmap.train.export import read_spec
 from swardmap.train.networks import DeepLabV3Plus
 
@@ -24,12 +25,14 @@ Pair = tuple[str, nn.BatchNorm2d]
 FloatArray = NDArray[np.float32]
 
 
-def unfold(path: Path, network: DeepLabV3Plus, images: Iterable[Tensor]) -> None:
+def unfold(path: Path, network: DeepLabV3Plus, spec: NetworkSpec, images: Iterable[Tensor]) -> None:
     """Give a network the weights of a file that `swardmap export` wrote, float32 or INT8.
 
     Args:
         path: the .onnx file.
-        network: of the same encoder, decoder and classes; changed in place, left in eval mode.
+        network: of the same encoder and decoder; changed in place, left in eval mode. Of other classes it
+            takes what it can of the head, its last layer; see `fitted_head`.
+        spec: of the network.
         images: batches (N, 3, H, W), normalised, as the network will be trained on.
 
     Raises:
@@ -37,6 +40,7 @@ def unfold(path: Path, network: DeepLabV3Plus, images: Iterable[Tensor]) -> None
     """
     batches = list(images)
     tensors = _read_tensors(path)
+    tensors |= _head(tensors, network, spec, path)
     network.eval()
     pairs = _pairs(network, batches[0][:1])
     state = {key: _fitting(tensors, key, value, path) for key, value in _weights(network).items()}
@@ -50,8 +54,19 @@ def unfold(path: Path, network: DeepLabV3Plus, images: Iterable[Tensor]) -> None
     network.load_state_dict(state, strict=False)
     for (_, norm), (mean, variance) in zip(pairs, _statistics(network, pairs, batches), strict=True):
         _set_norm(norm, mean, variance, norm.bias.detach() + mean)
-    spec = read_spec(path)
-    add_grass_bias(network, spec, -float(spec.training.get("grass_bias", 0.0)))  # it was added at export
+
+
+def _head(
+    tensors: Mapping[str, FloatArray], network: DeepLabV3Plus, spec: NetworkSpec, path: Path
+) -> dict[str, FloatArray]:
+    """The last layer as it was before export, for the network's classes."""
+    source = read_spec(path)
+    if not set(HEAD) <= set(tensors):
+        raise ModelError(f"{path}: expected a network of swardmap's, got one without {HEAD[0]}")
+    weight, bias = (torch.from_numpy(tensors[key]) for key in HEAD)
+    bias = bias - grass_shift(source, float(source.training.get("grass_bias", 0.0)))  # it was added at export
+    head = fitted_head(dict(zip(HEAD, (weight, bias), strict=True)), network.state_dict(), spec, source)
+    return {key: value.numpy() for key, value in head.items()}
 
 
 @torch.no_grad()
