@@ -9,6 +9,7 @@ import sys
 import time
 from importlib.util import find_spec
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -19,7 +20,8 @@ from swardmap.errors import ConfigError
 from swardmap.geometry import Pose
 from swardmap.ros.clouds import obstacle_cells_fields
 from swardmap.ros.gate import Command, GateConfig, Known, nearest_in_zone_m, reach_m, refusal
-from swardmap.ros.gate_node import cell_centres_m
+from swardmap.ros.gate_node import GateNode, cell_centres_m
+from swardmap.ros.topics import BEST_EFFORT, image_qos
 from tests.ros import drive
 from tests.ros.node_process import ROOT, environment, running
 from tests.ros.test_clouds import CLOUD
@@ -178,3 +180,32 @@ def test_a_mower_stops_when_the_node_is_killed(tmp_path: Path) -> None:
     driven_m, left_m = drive_to_the_person(tmp_path, kill_after_m=1.0)
     assert 1.0 <= driven_m < 1.0 + 0.4 * 2.0 + 0.7  # the flag's time, and as much again for a busy machine
     assert left_m > 1.5
+
+
+@pytest.mark.slow
+@needs_ros
+def test_odometry_that_is_offered_as_best_effort_is_heard() -> None:
+    import rclpy
+    from nav_msgs.msg import Odometry
+    from rclpy.executors import SingleThreadedExecutor
+
+    space = f"/t{os.getpid()}_{time.monotonic_ns()}"
+    with mock.patch.dict(os.environ, environment()):
+        rclpy.init(args=["--ros-args", "-r", f"__ns:={space}"])
+    try:
+        gate, says = GateNode(), rclpy.create_node("says")
+        publisher = says.create_publisher(Odometry, "odom", image_qos(BEST_EFFORT, 5))
+        executor = SingleThreadedExecutor()
+        for node in (gate.node, says):
+            executor.add_node(node)
+        message = Odometry()
+        message.header.frame_id, message.child_frame_id = "map", "base_link"
+        message.pose.pose.position.x, message.pose.pose.orientation.w = 2.0, 1.0
+        end = time.monotonic() + 30
+        while gate.known.T_map_base is None and time.monotonic() < end:
+            publisher.publish(message)
+            executor.spin_once(timeout_sec=0.05)
+        assert gate.known.T_map_base is not None
+        assert gate.known.T_map_base.matrix[0, 3] == 2.0
+    finally:
+        rclpy.shutdown()

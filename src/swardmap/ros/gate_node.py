@@ -14,6 +14,7 @@ import numpy as np
 from swardmap.errors import ConfigError, SwardmapError
 from swardmap.io.ros_messages import pose_from_odometry
 from swardmap.ros.gate import Command, GateConfig, Known, refusal
+from swardmap.ros.subscription import AUTO, FOLLOW_S, Subscription
 from swardmap.ros.topics import rclpy_module
 from swardmap.settings import build
 
@@ -45,12 +46,13 @@ class GateNode:
         self._out = self.node.create_publisher(self._twist, "cmd_vel", 1)
         self._reasons = self.node.create_publisher(String, "~/reason", 1)
         self.node.create_subscription(self._twist, "cmd_vel_in", self.on_command, 1)
-        self.node.create_subscription(Odometry, "odom", self.on_odometry, 10)
+        odometry = Subscription(self.node, Odometry, "odom", self.on_odometry, AUTO, 10)
         self.node.create_subscription(
             Bool, "swardmap/stop", self.on_flag, 1
         )  # not the latched one: it is old
         self.node.create_subscription(PointCloud2, "swardmap/obstacle_cells", self.on_cells, 1)
         self.node.create_timer(1 / ZEROS_HZ, self.hold)
+        self.node.create_timer(FOLLOW_S, odometry.follow)
 
     def on_command(self, message: Any) -> None:
         """Let a command through, or say why not."""

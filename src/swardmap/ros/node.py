@@ -15,15 +15,12 @@ from swardmap.ros.outputs import Outputs
 from swardmap.ros.parameters import Declaration, Parameters, changed, declarations, parameters_from
 from swardmap.ros.services import serve
 from swardmap.ros.session import Session
-from swardmap.ros.subscription import AUTO, Subscription
+from swardmap.ros.subscription import AUTO, FOLLOW_S, Subscription
 from swardmap.ros.topics import BEST_EFFORT, find_types, image_qos, latched_qos
 from swardmap.ros.warm_up import warm_up
 
 CHECKS_HZ = 10.0
 """How often the watchdog is asked, and the stop flag published."""
-
-FOLLOWS_S = 0.5
-"""How often the node looks at what those who publish images and odometry offer."""
 
 WORKER_WAITS_S = 0.2
 
@@ -270,7 +267,7 @@ class RobotNode:
 
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # a simulation that pauses must not silence the flag
         timer = self.node.create_timer(1 / CHECKS_HZ, self._check, clock=steady)
-        follow = self.node.create_timer(FOLLOWS_S, self._look_at_publishers, clock=steady)
+        follow = self.node.create_timer(FOLLOW_S, self._look_at_publishers, clock=steady)
         self._held += [partial(self.node.destroy_timer, t) for t in (timer, follow)]
         if self._types["services"] is not None:
             self._held += serve(self.node, session)

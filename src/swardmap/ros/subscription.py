@@ -6,6 +6,8 @@ from typing import Any
 from swardmap.ros.topics import BEST_EFFORT, RELIABLE, image_qos
 
 AUTO = "auto"
+FOLLOW_S = 0.5
+"""How often to look at what those who publish offer."""
 
 
 def fitting(offered_reliable: Sequence[bool], now: str) -> str:
@@ -35,7 +37,7 @@ class Subscription:
         topic: its name before remapping.
         callback: is given each message.
         reliability: `reliable`, `best_effort`, or `auto`: reliable where all publishers offer it. Call
-            `follow` from time to time, since a driver may come late, or come back offering something else.
+            `follow` every `FOLLOW_S`, since a driver may come late, or come back offering something else.
         depth: messages that DDS holds.
     """
 
