@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from swardmap.errors import ConfigError
-from swardmap.settings import Checked, build, setting, yaml_lines
+from swardmap.settings import Checked, build, merge, merge_overrides, merge_text, setting, yaml_lines
 
 ENVIRONMENT_PREFIX = "SWARDMAP_"
 NOT_SETTINGS = frozenset({"SWARDMAP_DATA", "SWARDMAP_GARDEN_ASSETS"})
@@ -396,16 +396,12 @@ def load_config(
     """
     tree: dict[str, Any] = {}
     if file is not None:
-        _merge(tree, _read_yaml(file), str(file))
+        merge(tree, _read_yaml(file), str(file))
     for name, text in (environment or {}).items():
         if name.startswith(ENVIRONMENT_PREFIX) and name not in NOT_SETTINGS:
             keys = name.removeprefix(ENVIRONMENT_PREFIX).lower().split("__")
-            _merge(tree, _nested(keys, _parsed(text, name)), f"environment variable {name}")
-    for override in overrides:
-        key, sign, text = override.partition("=")
-        if not sign or not key:
-            raise ConfigError(f"expected section.key=value, got '{override}'")
-        _merge(tree, _nested(key.strip().split("."), _parsed(text, key)), f"'{override}'")
+            merge_text(tree, keys, text, f"environment variable {name}")
+    merge_overrides(tree, overrides)
     return config_from_dict(tree)
 
 
@@ -454,28 +450,3 @@ def _read_yaml(file: Path) -> Any:
     except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
         reason = " ".join(str(error).split())  # YAML's errors draw the place over several lines
         raise ConfigError(f"cannot read the configuration {file}: {reason}") from error
-
-
-def _parsed(text: str, name: str) -> Any:
-    import yaml
-
-    try:
-        return yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise ConfigError(f"{name}: expected a value in YAML, got '{text}'") from error
-
-
-def _nested(keys: list[str], value: Any) -> dict[str, Any]:
-    for key in reversed(keys):
-        value = {key: value}
-    return dict(value)
-
-
-def _merge(tree: dict[str, Any], news: Any, where: str) -> None:
-    if not isinstance(news, dict):
-        raise ConfigError(f"{where}: expected sections with keys, got {type(news).__name__}")
-    for key, value in news.items():
-        if isinstance(value, dict) and isinstance(tree.get(key), dict):
-            _merge(tree[key], value, where)
-        else:
-            tree[key] = value

@@ -5,7 +5,7 @@ import difflib
 import math
 import types
 import typing
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import field, fields
 from typing import Any
 
@@ -61,6 +61,56 @@ def build(cls: Any, tree: Any, path: str = "") -> Any:
         section = dataclasses.is_dataclass(hints[key])
         values[key] = build(hints[key], value, f"{path}{key}.") if section else value
     return cls(**values)
+
+
+def merge(tree: dict[str, Any], news: Any, where: str) -> None:
+    """Put the keys of one nested dict into another, section by section.
+
+    Args:
+        tree: changed in place.
+        news: what is to be set.
+        where: it comes from, for messages.
+
+    Raises:
+        ConfigError: if `news` is no dict.
+    """
+    if not isinstance(news, dict):
+        raise ConfigError(f"{where}: expected sections with keys, got {type(news).__name__}")
+    for key, value in news.items():
+        if isinstance(value, dict) and isinstance(tree.get(key), dict):
+            merge(tree[key], value, where)
+        else:
+            tree[key] = value
+
+
+def merge_text(tree: dict[str, Any], keys: Sequence[str], text: str, where: str) -> None:
+    """Put one setting, its value in YAML, into a nested dict.
+
+    Raises:
+        ConfigError: for a value that is no YAML.
+    """
+    import yaml
+
+    try:
+        value = yaml.safe_load(text)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise ConfigError(f"{where}: expected a value in YAML, got '{text}'") from error
+    for key in reversed(keys):
+        value = {key: value}
+    merge(tree, value, where)
+
+
+def merge_overrides(tree: dict[str, Any], overrides: Iterable[str]) -> None:
+    """Put settings of a command line, `section.key=value` with values in YAML, into a nested dict.
+
+    Raises:
+        ConfigError: for what is no such text.
+    """
+    for override in overrides:
+        key, sign, text = override.partition("=")
+        if not sign or not key.strip():
+            raise ConfigError(f"expected section.key=value, got '{override}'")
+        merge_text(tree, key.strip().split("."), text, f"'{override}'")
 
 
 def yaml_lines(f: "dataclasses.Field[Any]", value: Any, indent: str = "", comments: bool = True) -> list[str]:

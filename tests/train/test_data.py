@@ -154,6 +154,15 @@ def test_recipes_come_back_whole_and_refuse_what_they_do_not_know(
     assert recipe_from_dict(said).digest == recipe.digest
     said["schedule"]["zoom"] = 2.0
     assert recipe_from_dict(said).digest != recipe.digest
+    (tmp_path / "tiny.yaml").write_text(yaml.safe_dump(tiny_recipe(steps=4)))
+    shorter = load_recipe(
+        tmp_path / "tiny.yaml", ["schedule.steps=3", "network.rates=[1, 1, 2]", "start=auto"]
+    )
+    assert (shorter.schedule.steps, shorter.network.rates, shorter.start) == (3, (1, 1, 2), "auto")
+    assert shorter.data == recipe.data
+    for wrong in ("schedule.step=3", "schedule", "schedule.steps=[", "schedule.steps=many", "schedule=3"):
+        with pytest.raises(ConfigError, match=r"(?i)section|schedule"):
+            load_recipe(tmp_path / "tiny.yaml", [wrong])
     with pytest.raises(ConfigError, match="did you mean 'steps'"):
         recipe_from_dict({**tiny_recipe(), "schedule": {"step": 3}})
     with pytest.raises(ConfigError, match="unknown keys nets"):

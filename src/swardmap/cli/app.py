@@ -24,6 +24,7 @@ from swardmap.cli.ros import EXAMPLES as ROS_EXAMPLES
 from swardmap.cli.ros import ros_command
 from swardmap.cli.synth import EXAMPLES as SYNTH_EXAMPLES
 from swardmap.cli.synth import synth
+from swardmap.cli.train import EXAMPLES as TRAIN_EXAMPLES
 from swardmap.cli.train import train
 from swardmap.cli.view import EXAMPLES as VIEW_EXAMPLES
 from swardmap.cli.view import view_command
@@ -62,7 +63,7 @@ app.command("evaluate", epilog=EVALUATE_EXAMPLES)(evaluate_command)
 app.command("compare", epilog=COMPARE_EXAMPLES)(compare_command)
 app.command("convert")(convert)
 app.command("synth", epilog=SYNTH_EXAMPLES)(synth)
-app.command("train")(train)
+app.command("train", epilog=TRAIN_EXAMPLES)(train)
 app.command("export")(export)
 app.command("ros", epilog=ROS_EXAMPLES)(ros_command)
 app.command("nav2", epilog=NAV2_EXAMPLES)(nav2_command)

@@ -9,6 +9,13 @@ import typer
 
 from swardmap.errors import ConfigError, require
 
+EXAMPLES = """\b
+Examples:
+  swardmap train recipes/lawn.yaml --data ~/photos -o run1
+  swardmap train recipes/lawn.yaml --data ~/photos -o try --set schedule.steps=50
+  torchrun --nproc-per-node 4 -m swardmap train ...       # many GPUs
+"""
+
 
 def train(
     recipe: Annotated[Path, typer.Argument(help="YAML recipe, such as recipes/lawn.yaml.")],
@@ -16,22 +23,23 @@ def train(
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for checkpoints and curves.")],
     device: Annotated[str, typer.Option(help="As torch names it; auto = a GPU if there is one.")] = "auto",
     threads: Annotated[int, typer.Option(min=0, help="CPU threads; 0 = torch's choice.")] = 0,
+    set_: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", metavar="KEY=VALUE", help="One setting, such as schedule.steps=200. Repeatable."
+        ),
+    ] = None,
     distil: Annotated[
         bool, typer.Option("--distil", help="First write the teachers' masks that the recipe names.")
     ] = False,
 ) -> None:
-    """Train a network; run again with the same OUT, it goes on where it was.
-
-    Example: swardmap train recipes/lawn.yaml --data ~/photos -o run1
-
-    Many GPUs: torchrun --nproc-per-node 4 -m swardmap train ...
-    """
+    """Train a network; run again with the same OUT, it goes on where it was."""
     torch = require("torch", "train")
     from swardmap.train.loop import train as run_training
     from swardmap.train.processes import join_processes
     from swardmap.train.recipe import load_recipe
 
-    chosen = load_recipe(recipe)
+    chosen = load_recipe(recipe, set_ or ())
     if threads:
         torch.set_num_threads(threads)
     if device == "auto":

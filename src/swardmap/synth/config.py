@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from swardmap.errors import ConfigError
-from swardmap.settings import Checked, build, setting, yaml_lines
+from swardmap.settings import Checked, build, merge_overrides, setting, yaml_lines
 
 
 def span(low: float, high: float, about: str, minimum: float | None = None) -> Any:
@@ -155,15 +155,7 @@ def load_synth_config(file: Path | None = None, overrides: Iterable[str] = ()) -
             raise ConfigError(f"cannot read {file}: {' '.join(str(error).split())}") from error
         if not isinstance(tree, dict) or not all(isinstance(v, dict) for v in tree.values()):
             raise ConfigError(f"{file}: expected the sections {', '.join(_sections())} with keys")
-    for override in overrides:
-        key, sign, text = override.partition("=")
-        section, dot, name = key.strip().partition(".")
-        if not sign or not dot:
-            raise ConfigError(f"expected section.key=value, got '{override}'")
-        try:
-            tree[section] = {**tree.get(section, {}), name: yaml.safe_load(text)}
-        except (yaml.YAMLError, ValueError, RecursionError) as error:
-            raise ConfigError(f"{key}: expected a value in YAML, got '{text}'") from error
+    merge_overrides(tree, overrides)
     return synth_config_from_dict(tree)
 
 

@@ -4,6 +4,7 @@ The recipe of the shipped network is in the folder `recipes` of the repository.
 """
 
 import hashlib
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ import yaml
 
 from swardmap.errors import ConfigError
 from swardmap.labels import GRASS_OBSTACLE_PERSON, LabelSet, Role
-from swardmap.settings import Checked, build, setting
+from swardmap.settings import Checked, build, merge_overrides, setting
 from swardmap.train.classes import PAPER_SETS, read_classes
 
 ENCODER_NAMES = ("resnet18", "resnet34", "efficientnet-lite0", "efficientnet-lite1", "efficientnet-lite2")
@@ -179,8 +180,12 @@ def _changed(config: Any) -> list[tuple[str, Any]]:
     return [(name, value) for name, value, default in values if value != default]
 
 
-def load_recipe(path: Path) -> Recipe:
+def load_recipe(path: Path, overrides: Iterable[str] = ()) -> Recipe:
     """Read a recipe.
+
+    Args:
+        path: YAML.
+        overrides: `section.key=value`, values in YAML, such as `schedule.steps=200`.
 
     Raises:
         ConfigError: for a file that cannot be read, an unknown key or a value out of range.
@@ -189,6 +194,8 @@ def load_recipe(path: Path) -> Recipe:
         tree = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise ConfigError(f"cannot read the recipe {path}: {error}") from error
+    if isinstance(tree, dict):
+        merge_overrides(tree, overrides)
     return recipe_from_dict(tree, str(path))
 
 
