@@ -226,6 +226,7 @@ class Tally:
     lost: int = 0
     solids: int = 0
     solids_missed: int = 0
+    missed_unjudged: int = 0  # of the missed cells, those that the network alone leaves unknown
 
     def add(self, reference: NDArray[np.uint8], predicted: NDArray[np.uint8], resolution_m: float) -> None:
         """Count one frame; cells unknown in either map are left out."""
@@ -272,6 +273,8 @@ def measure(views: Iterable[Shown], config: Config = CONFIG) -> dict[str, Tally]
         alone = np.maximum(marks.grid.classes, (both.classes > 0).astype(np.uint8))
         for name, classes in (("semantics", semantic.classes), ("geometry", alone), ("both", both.classes)):
             found[name].add(truth, classes, spec.resolution_m)
+            missed = (truth >= MapClass.OBSTACLE) & (classes == MapClass.GRASS)
+            found[name].missed_unjudged += int((missed & (semantic.classes == 0)).sum())
     return found
 
 
@@ -289,7 +292,14 @@ def main() -> None:
     print(f"{'':<32}" + "".join(f"{h:>11}" for h in head * 3))
     if arguments.gardens is not None:
         for name, views in rendered(arguments.gardens):
-            _print(name, measure(views))
+            found = measure(views)
+            _print(name, found)
+            alone, both = found["semantics"], found["both"]
+            print(
+                f"  obstacle cells marked by the network {alone.positives - alone.missed}, by both "
+                f"{both.positives - both.missed}; called free by both {both.missed}, of which the network "
+                f"alone leaves {both.missed_unjudged} unknown"
+            )
         return
     for case in cases():
         _print(case.name, measure(frames(case, poses)))

@@ -1,7 +1,8 @@
 """Score a network file, or the colour baseline, on labelled photos: figures, reliability, worst photos.
 
     python benchmarks/score_segmenter.py auto --data ~/photos/msrc_v2 --list val.txt
-    python benchmarks/score_segmenter.py auto --data ~/photos/gardens/test --recording
+    python benchmarks/score_segmenter.py auto --data ~/photos/gardens/test --recording --borders
+    python benchmarks/score_segmenter.py auto --covered
 
 The folder holds images/ and labels/ (0 other, 1 grass, 2 person, 255 void), or with --recording it is
 anything that `swardmap map` reads and that has true labels, such as the gardens of `swardmap synth`, which
@@ -13,6 +14,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from swardmap.labels import GRASS_OBSTACLE_PERSON, VOID_ID
@@ -30,7 +32,7 @@ from swardmap.train.score import Score
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("segmenter", help="an .onnx file, auto (the one in the package), or colour")
-    parser.add_argument("--data", type=Path, required=True)
+    parser.add_argument("--data", type=Path)
     parser.add_argument("--list", help="text file in the folder with one stem a line")
     parser.add_argument("--every", type=int, default=1, help="use every n-th photo")
     parser.add_argument(
@@ -38,7 +40,14 @@ def main() -> None:
     )
     parser.add_argument("--recording", action="store_true", help="the folder is a recording with true labels")
     parser.add_argument("--worst", type=int, default=0, help="name the n photos with most wrong pixels")
+    parser.add_argument("--borders", action="store_true", help="how much of what is wrong is at borders")
+    parser.add_argument("--covered", action="store_true", help="only what it sees with a covered lens")
     arguments = parser.parse_args()
+    if arguments.covered:
+        show_covered(bundled_network() if arguments.segmenter == "auto" else Path(arguments.segmenter))
+        return
+    if arguments.data is None:
+        parser.error("expected --data, or --covered")
     entry = {
         "name": "photos",
         "folder": arguments.data.name,
@@ -66,6 +75,8 @@ def main() -> None:
     if len(by_light) > 1:
         show_lights({light: part.score for light, part in by_light.items()})
     show_reliability(checked)
+    if arguments.borders:
+        show_borders(path, photos)
     if arguments.worst:
         show_worst(path, photos, arguments.worst)
 
@@ -116,6 +127,43 @@ def show_reliability(checked: Checked) -> None:
                 f" {confidence / count:12.3f} {right / count:12.3f}"
             )
     print(f"  expected calibration error {checked.calibration_error:.4f}")
+
+
+def show_borders(path: Path, photos: list[Photo]) -> None:
+    """How much of what is wrong lies within one and two pixels of a pixel of another class."""
+    segmenter = OnnxSegmenter(path)
+    counts = {reach: np.zeros(2, np.int64) for reach in (0, 1, 2)}  # pixels, wrong ones; 0: all
+    for photo in photos:
+        labels = segmenter.segment(photo.image)[0]
+        labels = np.asarray(cv2.resize(labels, photo.codes.shape[::-1], interpolation=cv2.INTER_NEAREST))
+        known = photo.codes != VOID_ID
+        for reach, count in counts.items():
+            kernel = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
+            edge = cv2.dilate(photo.codes, kernel) != cv2.erode(photo.codes, kernel)
+            near = known & edge if reach else known
+            count += near.sum(), (near & (labels != photo.codes)).sum()
+    for reach in (1, 2):
+        pixels, wrong = 100 * counts[reach] / counts[0]
+        print(
+            f"  within {reach} px of another class: {pixels:.1f} % of all, {wrong:.0f} % of the wrong pixels"
+        )
+
+
+def show_covered(path: Path | None) -> None:
+    if path is None:
+        raise SystemExit("this package holds no network")
+    segmenter, rng = OnnxSegmenter(path), np.random.default_rng(0)
+    print("noise, size, mean, deviation: share called grass, with what mean confidence")
+    for name, channels in (("coloured", 3), ("grey", 1)):
+        for height, width in ((480, 640), (240, 320)):
+            for mean, deviation in ((0, 4), (10, 5), (10, 12), (20, 12), (30, 20), (60, 30), (128, 25)):
+                noise = np.clip(rng.normal(mean, deviation, (height, width, channels)), 0, 255)
+                rgb = np.repeat(noise.astype(np.uint8), 3 // channels, axis=2)
+                labels, confidence = segmenter.segment(rgb)
+                grass = labels == 1
+                sure = float(confidence[grass].mean()) if grass.any() else 0.0
+                share = f"{100 * grass.mean():6.1f} %  {sure:.2f}"
+                print(f"  {name:8} {width}x{height} {mean:4d} {deviation:3d} {share}")
 
 
 def show_worst(path: Path, photos: list[Photo], count: int) -> None:
