@@ -22,7 +22,7 @@ import numpy as np
 
 from swardmap.errors import MissingExtraError
 from swardmap.geometry import Intrinsics, Pose
-from swardmap.io.eden_layout import LIGHTS
+from swardmap.io.sources.eden_layout import LIGHTS
 from swardmap.synth.assets import Assets, open_assets
 from swardmap.synth.light import sample_light
 from swardmap.synth.model import Float32Array, Garden, Light, View

@@ -25,11 +25,11 @@ from swardmap.eval.dmin import find_misses
 from swardmap.eval.maps import dense, frame_map, spec_of, true_segmentation
 from swardmap.geometry import Pose
 from swardmap.grid import OccupancyGrid
-from swardmap.ground import observe_ground
 from swardmap.io import open_source
 from swardmap.labels import GRASS, GRASS_OBSTACLE_PERSON, OTHER, PERSON, MapClass
 from swardmap.models import build_segmenter
-from swardmap.roads import fused_grid
+from swardmap.perception.frame_grid import fused_grid
+from swardmap.perception.geometric_obstacles import observe_ground
 from swardmap.synth.analytic import (
     VGA,
     Box,

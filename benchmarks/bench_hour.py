@@ -22,12 +22,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swardmap.config import Config, config_from_dict
-from swardmap.evidence import Cells, Viewpoint, cells_passed, parameters, update_cells
 from swardmap.geometry import Intrinsics, Pose, mount_pose
 from swardmap.grid import GridSpec, OccupancyGrid, Sighting, overlap
-from swardmap.io.living_files import read_living_map, write_living
+from swardmap.io.maps.log_odds_files import read_living_map, write_living
 from swardmap.labels import GRASS_OBSTACLE_PERSON
-from swardmap.living import LivingMap
+from swardmap.mapping.log_odds_map import LivingMap
+from swardmap.mapping.sensor_model import Cells, Viewpoint, cells_passed, parameters, update_cells
 from swardmap.pipeline import ObstacleMapper
 from swardmap.synth.analytic import Box, Cylinder, Scene, sphere, true_map
 from swardmap.synth.analytic_render import cast

@@ -29,7 +29,8 @@ from swardmap.geometry import Intrinsics
 from swardmap.grid import GridSpec, overlap
 from swardmap.labels import MapClass
 from swardmap.models import build_segmenter
-from swardmap.pipeline import ObstacleMapper, Segmenter
+from swardmap.pipeline import ObstacleMapper
+from swardmap.segmenter import Segmenter
 from swardmap.synth.analytic import (
     VGA,
     AnalyticSource,

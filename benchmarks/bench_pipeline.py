@@ -25,9 +25,9 @@ from numpy.typing import NDArray
 from swardmap.config import CloudConfig, Config
 from swardmap.grid import GridSpec
 from swardmap.labels import GRASS_OBSTACLE_PERSON
-from swardmap.mapper import GridMapper
+from swardmap.mapping.last_seen_map import GridMapper
+from swardmap.perception.frame_grid import fused_grid, staged_grid
 from swardmap.pipeline import ObstacleMapper, view_spec
-from swardmap.roads import fused_grid, staged_grid
 from swardmap.synth.analytic import AnalyticSource, garden_scene, lane_poses
 from swardmap.synth.analytic_noise import StereoNoise
 from swardmap.types import Frame, Segmentation, nearest_indices

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from swardmap.io.mcap_writer import mcap_writer
-from swardmap.io.record_messages import RecordOptions
+from swardmap.io.bags.mcap_writer import mcap_writer
+from swardmap.io.bags.record_messages import RecordOptions
 from swardmap.synth.analytic import VGA, AnalyticSource, StereoNoise, garden_scene, lane_poses
 from swardmap.types import Frame
 

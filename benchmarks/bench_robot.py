@@ -95,8 +95,8 @@ def play(rate_hz: float, namespace: str, out: Path, pid: int) -> None:
     from sensor_msgs.msg import CameraInfo, Image, PointCloud2
     from std_msgs.msg import String
 
-    from swardmap.io.ros_fields import odometry_fields
-    from swardmap.rig import rig_from_dict
+    from swardmap.io.bags.ros_fields import odometry_fields
+    from swardmap.rig.rig import rig_from_dict
     from swardmap.ros.messages import ros_message
     from tests.ros.drive import base_at
 
@@ -163,7 +163,7 @@ def play(rate_hz: float, namespace: str, out: Path, pid: int) -> None:
 def look(name: str, T_base_camera: Any, x_m: float) -> dict[str, Any]:
     """What one camera sees with the robot at x: topic -> fields of the message."""
     from swardmap.geometry import Intrinsics
-    from swardmap.io.ros_fields import camera_info_fields, image_fields
+    from swardmap.io.bags.ros_fields import camera_info_fields, image_fields
     from swardmap.synth.analytic import StereoNoise, garden_scene, render, with_sensor_noise
     from tests.ros.drive import base_at
 

@@ -14,7 +14,7 @@ from swardmap.eval.maps import dense, frame_map, true_segmentation
 from swardmap.geometry import Intrinsics, Pose, project
 from swardmap.grid import GridSpec, OccupancyGrid, overlap
 from swardmap.io import open_source
-from swardmap.io.map_files import read_map
+from swardmap.io.maps.map_files import read_map
 from swardmap.labels import GRASS_OBSTACLE_PERSON, MapClass
 from swardmap.synth.analytic import AnalyticSource, Scene, StereoNoise, garden_scene, lane_poses, true_map
 from swardmap.types import Frame, Segmentation

@@ -5,12 +5,12 @@ python examples/bare_arrays.py
 
 import numpy as np
 
-from swardmap.cloud import consistent_depth, crop_height, crop_range, label_cloud
 from swardmap.config import CostmapConfig
-from swardmap.costmap import build_costmap
 from swardmap.geometry import Intrinsics, mount_pose
 from swardmap.grid import GridSpec, OccupancyGrid, classify_cells, count_points
 from swardmap.labels import GRASS_OBSTACLE, MapClass
+from swardmap.mapping.costmap import build_costmap
+from swardmap.perception.cloud import consistent_depth, crop_height, crop_range, label_cloud
 from swardmap.types import Frame, Segmentation
 
 

@@ -6,7 +6,7 @@ python examples/one_call.py my_recording my_map
 import sys
 
 from swardmap.config import config_from_dict
-from swardmap.recording import map_recording
+from swardmap.runs.recording import map_recording
 
 
 def main(recording: str, out: str) -> None:

@@ -16,7 +16,7 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import CameraInfo, Image
 
 from swardmap.geometry import Intrinsics, Pose, mount_pose
-from swardmap.io.ros_fields import camera_info_fields, image_fields, odometry_fields
+from swardmap.io.bags.ros_fields import camera_info_fields, image_fields, odometry_fields
 from swardmap.ros.messages import ros_message
 from swardmap.synth.analytic import StereoNoise, render, with_sensor_noise
 from swardmap.synth.analytic_scene import Person, Scene

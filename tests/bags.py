@@ -9,7 +9,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from swardmap.io.ros_fields import Fields, rosbags_message
+from swardmap.io.bags.ros_fields import Fields, rosbags_message
 
 Kind = Literal["ros1", "sqlite3", "mcap"]
 KINDS: tuple[Kind, ...] = ("ros1", "sqlite3", "mcap")

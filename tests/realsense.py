@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from swardmap.io.limited import LimitedSource
+from swardmap.io.sources.limited import LimitedSource
 
-rs: Any = pytest.importorskip("pyrealsense2", reason="the camera maker's SDK is the judge")
+rs: Any = pytest.importorskip(
+    "pyrealsense2", reason="the camera maker's SDK is the judge", exc_type=ImportError
+)
 
 WIDTH, HEIGHT = 64, 48
 START_MS = 1.7e12
@@ -126,7 +128,7 @@ def plug_in(
     """Let `realsense:` mean a software camera with a serial number, for as long as the test runs."""
     find = feeding(lambda: SoftwareCamera(serial), feed)
     found = lambda wanted: find(wanted) if wanted in (None, serial) else None  # noqa: E731
-    monkeypatch.setattr("swardmap.io.realsense_live.finder", lambda _: found)
+    monkeypatch.setattr("swardmap.io.sources.realsense_live.finder", lambda _: found)
 
 
 def ctrl_c_after(

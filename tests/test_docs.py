@@ -18,7 +18,7 @@ from swardmap.io import SOURCES, open_source
 from swardmap.io.files import write_bytes
 from swardmap.io.images import encode_png
 from swardmap.labels import MapClass
-from swardmap.recording import map_recording
+from swardmap.runs.recording import map_recording
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])

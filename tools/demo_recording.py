@@ -12,7 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from swardmap.io import folder
+from swardmap.io.sources import folder
 from swardmap.synth.config import load_synth_config
 from swardmap.synth.plan import SynthPlan
 from swardmap.synth.produce import make_source

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from swardmap.io.eden_layout import LIGHTS
+from swardmap.io.sources.eden_layout import LIGHTS
 from swardmap.synth.assets import open_assets
 from swardmap.synth.config import SynthConfig, load_synth_config
 from swardmap.synth.model import Model

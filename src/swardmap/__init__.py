@@ -2,7 +2,7 @@
 
 The names below are what most programs need; each is loaded when it is first used, so that importing
 swardmap costs nothing. Sources and files live in `swardmap.io`, segmenters in `swardmap.models`,
-pictures in `swardmap.viz`, the bare array functions in `swardmap.cloud`, `grid` and `costmap`.
+pictures in `swardmap.viz`, the bare array functions in `swardmap.perception.cloud`, `grid` and `costmap`.
 """
 
 import importlib
@@ -12,8 +12,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from swardmap.config import Config as Config
     from swardmap.config import load_config as load_config
-    from swardmap.costmap import Costmap as Costmap
-    from swardmap.costmap import build_costmap as build_costmap
     from swardmap.errors import SwardmapError as SwardmapError
     from swardmap.geometry import Intrinsics as Intrinsics
     from swardmap.geometry import Pose as Pose
@@ -22,9 +20,11 @@ if TYPE_CHECKING:
     from swardmap.io import open_source as open_source
     from swardmap.labels import LabelSet as LabelSet
     from swardmap.labels import MapClass as MapClass
+    from swardmap.mapping.costmap import Costmap as Costmap
+    from swardmap.mapping.costmap import build_costmap as build_costmap
     from swardmap.models import build_segmenter as build_segmenter
     from swardmap.pipeline import ObstacleMapper as ObstacleMapper
-    from swardmap.recording import map_recording as map_recording
+    from swardmap.runs.recording import map_recording as map_recording
     from swardmap.types import Frame as Frame
     from swardmap.types import LabeledCloud as LabeledCloud
     from swardmap.types import Segmentation as Segmentation
@@ -35,10 +35,11 @@ __version__ = "0.1.0"
 os.environ.setdefault("ORT_DISABLE_TELEMETRY", "true")
 
 _HOME = {
-    "Config": "config", "load_config": "config", "Costmap": "costmap", "build_costmap": "costmap",
+    "Config": "config", "load_config": "config", "Costmap": "mapping.costmap",
+    "build_costmap": "mapping.costmap",
     "SwardmapError": "errors", "Intrinsics": "geometry", "Pose": "geometry", "GridSpec": "grid",
     "OccupancyGrid": "grid", "open_source": "io", "LabelSet": "labels", "MapClass": "labels",
-    "build_segmenter": "models", "ObstacleMapper": "pipeline", "map_recording": "recording",
+    "build_segmenter": "models", "ObstacleMapper": "pipeline", "map_recording": "runs.recording",
     "Frame": "types", "LabeledCloud": "types", "Segmentation": "types",
 }  # fmt: skip
 

@@ -3,39 +3,22 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from time import perf_counter
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swardmap.config import Config, MountConfig
-from swardmap.costmap import Costmap, build_costmap
 from swardmap.errors import InputError, InvalidValueError
 from swardmap.geometry import Intrinsics, Pose, mount_pose
 from swardmap.grid import GridSpec, OccupancyGrid
-from swardmap.ground import GroundEvidence, see_ground, with_ground
-from swardmap.labels import LabelSet
-from swardmap.living import LivingMap
-from swardmap.mapper import GridMapper, fixed_spec
-from swardmap.roads import PixelCounts, filtered_cloud, fused_grid, staged_grid, within_height
+from swardmap.mapping.costmap import Costmap, build_costmap
+from swardmap.mapping.last_seen_map import GridMapper, fixed_spec
+from swardmap.mapping.log_odds_map import LivingMap
+from swardmap.mapping.work_area import WorkArea
+from swardmap.perception.frame_grid import PixelCounts, filtered_cloud, fused_grid, staged_grid, within_height
+from swardmap.perception.geometric_obstacles import GroundEvidence, see_ground, with_ground
+from swardmap.segmenter import Segmenter
 from swardmap.types import Frame, LabeledCloud, Segmentation
-from swardmap.work_area import WorkArea
-
-
-@runtime_checkable
-class Segmenter(Protocol):
-    """Gives each pixel of a frame a class. One instance serves one thread: it keeps its buffers."""
-
-    @property
-    def name(self) -> str:
-        """What a person would call it; goes into reports."""
-
-    @property
-    def label_set(self) -> LabelSet:
-        """Classes that its masks may hold."""
-
-    def __call__(self, frame: Frame) -> Segmentation:
-        """Classes of the frame, at the segmenter's own size."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -19,8 +19,8 @@ from swardmap.config import Config, config_from_dict
 from swardmap.errors import OutputError
 from swardmap.geometry import Intrinsics
 from swardmap.io.files import MARKER
-from swardmap.io.folder import write_folder
-from swardmap.recording import map_recording
+from swardmap.io.sources.folder import write_folder
+from swardmap.runs.recording import map_recording
 from swardmap.synth.analytic import AnalyticSource, garden_scene, lane_poses
 
 SMALL = Intrinsics(160, 120, 115.0, 115.0, 79.5, 59.5)

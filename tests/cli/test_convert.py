@@ -8,12 +8,12 @@ import typer
 from typer.testing import CliRunner
 
 from swardmap.cli.convert import convert
-from swardmap.costmap import Costmap
 from swardmap.errors import InputError, OutputError, SwardmapError
 from swardmap.grid import GridSpec, OccupancyGrid
-from swardmap.io.cloud_files import read_cloud, write_cloud
-from swardmap.io.map_files import read_costmap, read_map, write_costmap, write_map
+from swardmap.io.clouds.cloud_files import read_cloud, write_cloud
+from swardmap.io.maps.map_files import read_costmap, read_map, write_costmap, write_map
 from swardmap.labels import GRASS_OBSTACLE_PERSON, VOID_ID
+from swardmap.mapping.costmap import Costmap
 from swardmap.types import LabeledCloud
 
 APP = typer.Typer(pretty_exceptions_enable=False)

@@ -10,12 +10,12 @@ from swardmap.cli.compare import compare_command
 from swardmap.cli.evaluate import EXAMPLES, evaluate_command
 from swardmap.config import load_config
 from swardmap.errors import InputError, InvalidValueError, OutputError
-from swardmap.eval.margin_file import read_margin
 from swardmap.geometry import Intrinsics
 from swardmap.grid import GridSpec, OccupancyGrid
-from swardmap.io.eden import write_eden
-from swardmap.io.folder import write_folder
-from swardmap.io.map_files import write_map
+from swardmap.io.maps.map_files import write_map
+from swardmap.io.maps.margin_file import read_margin
+from swardmap.io.sources.eden import write_eden
+from swardmap.io.sources.folder import write_folder
 from swardmap.synth.analytic import AnalyticSource, StereoNoise, garden_scene, lane_poses
 
 SMALL = Intrinsics(160, 120, 115.0, 115.0, 79.5, 59.5)

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from swardmap.cli.app import run
-from swardmap.costmap import LETHAL
 from swardmap.geometry import Intrinsics
-from swardmap.gps import Projection
-from swardmap.io.folder import write_folder
-from swardmap.io.map_files import read_costmap, read_map
+from swardmap.io.maps.map_files import read_costmap, read_map
+from swardmap.io.sources.folder import write_folder
 from swardmap.labels import MapClass
+from swardmap.mapping.costmap import LETHAL
+from swardmap.mapping.geodesy import Projection
 from swardmap.synth.analytic import AnalyticSource, garden_scene, lane_poses
 
 SMALL = Intrinsics(160, 120, 115.0, 115.0, 79.5, 59.5)

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swardmap.align import align_depth_to_color
 from swardmap.cli.app import run
 from swardmap.config import config_from_dict
 from swardmap.geometry import Intrinsics, Pose
-from swardmap.io.map_files import read_map
+from swardmap.io.maps.map_files import read_map
 from swardmap.models.colour import open_segmenter
+from swardmap.perception.align import align_depth_to_color
 from swardmap.pipeline import ObstacleMapper
 from swardmap.types import Frame
 from tests.realsense import (
@@ -103,7 +103,7 @@ def test_it_goes_on_after_unplugging(
         now = plugged.pop(0)
         return now and now(serial)
 
-    monkeypatch.setattr("swardmap.io.realsense_live.finder", lambda _: find)
+    monkeypatch.setattr("swardmap.io.sources.realsense_live.finder", lambda _: find)
     summary = mapped(tmp_path / "out", capsys, "--frames", "6", "--set", "camera.timeout_s=0.3")
     assert summary["frames"] == 6
     assert plugged == []

@@ -11,10 +11,10 @@ import pytest
 from swardmap.cli.app import run
 from swardmap.config import config_from_dict
 from swardmap.geometry import Intrinsics
-from swardmap.io.map_files import read_map
-from swardmap.io.ros_fields import camera_info_fields, image_fields, tf_fields
+from swardmap.io.bags.ros_fields import camera_info_fields, image_fields, tf_fields
+from swardmap.io.maps.map_files import read_map
 from swardmap.labels import MapClass
-from swardmap.recording import map_recording
+from swardmap.runs.recording import map_recording
 from swardmap.synth.analytic import AnalyticSource, garden_scene, lane_poses
 from tests.bags import IMAGE, INFO, KINDS, TF, Event, Kind, write_bag
 

@@ -19,8 +19,8 @@ from rosbags.rosbag2.storage_mcap import McapWriter as RosbagsStorage
 from swardmap.cli.app import run
 from swardmap.geometry import Intrinsics
 from swardmap.io import open_source
-from swardmap.io.folder import write_folder
-from swardmap.io.record_messages import CAMERA_FRAME, COLOR, DEPTH
+from swardmap.io.bags.record_messages import CAMERA_FRAME, COLOR, DEPTH
+from swardmap.io.sources.folder import write_folder
 from swardmap.synth.analytic import AnalyticSource, garden_scene, lane_poses
 
 SMALL = Intrinsics(160, 120, 115.0, 115.0, 79.5, 59.5)
@@ -101,7 +101,7 @@ def test_others_read_it_by_the_schemas_it_carries(recording: Path, tmp_path: Pat
 
 
 def test_what_is_recorded_maps_as_its_source(recording: Path, tmp_path: Path) -> None:
-    from swardmap.io.map_files import read_map
+    from swardmap.io.maps.map_files import read_map
 
     assert run(["record", str(recording), "-o", str(tmp_path / "drive.mcap")]) == 0
     grids = []

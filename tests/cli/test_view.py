@@ -14,8 +14,8 @@ import pytest
 from swardmap.cli.app import run
 from swardmap.geometry import Intrinsics
 from swardmap.io import open_source
-from swardmap.io.folder import write_folder
-from swardmap.io.map_files import read_costmap, read_map
+from swardmap.io.maps.map_files import read_costmap, read_map
+from swardmap.io.sources.folder import write_folder
 from swardmap.synth.analytic import AnalyticSource, garden_scene, lane_poses
 from tests.rrd import image, numbers, read
 

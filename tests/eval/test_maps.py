@@ -6,7 +6,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swardmap.cloud import crop_range, label_cloud
 from swardmap.config import CloudConfig, Config, GeometryConfig, GridConfig
 from swardmap.errors import InputError, InvalidValueError
 from swardmap.eval.maps import (
@@ -23,9 +22,10 @@ from swardmap.eval.maps import (
 from swardmap.eval.tally import MapTally, MissedKind, MissKind, total_of
 from swardmap.geometry import Pose
 from swardmap.grid import GridSpec, OccupancyGrid
-from swardmap.io.cloud_files import read_cloud, write_pcd
+from swardmap.io.clouds.cloud_files import read_cloud, write_pcd
 from swardmap.labels import GRASS_OBSTACLE_PERSON, MapClass
-from swardmap.roads import staged_grid
+from swardmap.perception.cloud import crop_range, label_cloud
+from swardmap.perception.frame_grid import staged_grid
 from swardmap.synth.analytic import AnalyticSource, StereoNoise, garden_scene, lane_poses
 from swardmap.types import Frame, Segmentation
 

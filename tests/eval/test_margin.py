@@ -9,14 +9,10 @@ from hypothesis import strategies as st
 from swardmap.config import load_config
 from swardmap.errors import InputError, InvalidValueError
 from swardmap.eval.margin import Claim, measure_margin, unit_misses, units_needed
-from swardmap.eval.margin_file import (
-    Margin,
-    margin_of,
-    read_margin,
-    statement_of,
-    write_margin,
-)
+from swardmap.eval.margin_statement import margin_of, statement_of
 from swardmap.eval.tally import MapTally, MissKind
+from swardmap.io.files import write_text
+from swardmap.io.maps.margin_file import Margin, margin_text, read_margin
 
 Units = dict[str, dict[int, int]]
 
@@ -209,7 +205,8 @@ def test_the_file_is_a_piece_of_configuration(tmp_path: Path) -> None:
     person = measure_margin(named([{16: 1}] * 300), 0.05, cells="person")
     margin = margin_of(everything, person)
     assert margin == Margin(0.15, 0.2)
-    write_margin(file, margin, statement_of(everything, person, "Not covered: nothing.", "frames of a test"))
+    statement = statement_of(everything, person, "Not covered: nothing.", "frames of a test")
+    write_text(file, margin_text(margin, statement))
     assert read_margin(file) == margin
     costmap = load_config(file).costmap
     assert (costmap.margin_m, costmap.person_margin_m) == (0.15, 0.2)
@@ -218,7 +215,7 @@ def test_the_file_is_a_piece_of_configuration(tmp_path: Path) -> None:
     few = measure_margin(named([{9: 1}] * 30), 0.05)
     assert margin_of(few) is None
     assert margin_of(everything, few) == Margin(0.15, None)
-    write_margin(file, Margin(0.15), "x")
+    write_text(file, margin_text(Margin(0.15), "x"))
     assert read_margin(file) == Margin(0.15, None)
 
 

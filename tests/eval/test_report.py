@@ -16,7 +16,7 @@ from swardmap.eval.report import report_html
 from swardmap.eval.results import results
 from swardmap.eval.run import evaluate, make_plan
 from swardmap.grid import GridSpec, OccupancyGrid
-from swardmap.io.map_files import write_map
+from swardmap.io.maps.map_files import write_map
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 COMMAND = "swardmap evaluate 'a <script>alert(1)</script> & c' -o out"

@@ -9,7 +9,7 @@ from swardmap.config import SegmenterConfig
 from swardmap.errors import ConfigError, InputError, ModelError
 from swardmap.labels import GRASS_OBSTACLE
 from swardmap.models import SEGMENTERS, SegmenterModule, build_segmenter
-from swardmap.pipeline import Segmenter
+from swardmap.segmenter import Segmenter
 from swardmap.types import Frame
 
 MakeFrame = Callable[..., Frame]

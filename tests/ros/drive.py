@@ -8,7 +8,7 @@ import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
 from swardmap.geometry import Intrinsics, Pose
-from swardmap.io.ros_fields import (
+from swardmap.io.bags.ros_fields import (
     Fields,
     camera_info_fields,
     image_fields,
@@ -16,7 +16,7 @@ from swardmap.io.ros_fields import (
     rosbags_message,
     tf_fields,
 )
-from swardmap.rig import Rig, rig_from_dict
+from swardmap.rig.rig import Rig, rig_from_dict
 from swardmap.synth.analytic import StereoNoise, garden_scene, render, with_sensor_noise
 from swardmap.types import Frame
 from tests.bags import IMAGE, INFO, ODOMETRY, TF, Event

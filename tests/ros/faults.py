@@ -25,7 +25,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Bool, String
 
-from swardmap.io.ros_fields import Fields, odometry_fields
+from swardmap.io.bags.ros_fields import Fields, odometry_fields
 from swardmap.ros.messages import ros_message
 from tests.ros import drive
 from tests.ros.drive import ONE, base_at, camera_fields, view

@@ -12,7 +12,7 @@ from rosbags.typesys import Stores, get_typestore
 from swardmap.config import CloudConfig, Config, config_from_dict
 from swardmap.geometry import Intrinsics, Pose, deproject
 from swardmap.grid import GridSpec, OccupancyGrid
-from swardmap.io.ros_fields import rosbags_message
+from swardmap.io.bags.ros_fields import rosbags_message
 from swardmap.labels import GRASS_OBSTACLE_PERSON, MapClass
 from swardmap.models.oracle import open_segmenter
 from swardmap.pipeline import ObstacleMapper, StepResult

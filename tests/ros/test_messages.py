@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from swardmap.costmap import Costmap, occupancy_from_costs
 from swardmap.geometry import Intrinsics
 from swardmap.grid import GridSpec, OccupancyGrid
-from swardmap.io.ros_fields import camera_info_fields, image_fields, rosbags_message
-from swardmap.io.ros_messages import image_array
+from swardmap.io.bags.ros_fields import camera_info_fields, image_fields, rosbags_message
+from swardmap.io.bags.ros_messages import image_array
 from swardmap.labels import GRASS_OBSTACLE_PERSON
+from swardmap.mapping.costmap import Costmap, occupancy_from_costs
 from swardmap.ros import messages as m
 from swardmap.types import Segmentation
 
@@ -125,7 +125,7 @@ def test_rclpy_writes_what_rosbags_writes(name: str) -> None:
 
     from rclpy.serialization import serialize_message
 
-    from swardmap.io.ros_fields import point_cloud_fields
+    from swardmap.io.bags.ros_fields import point_cloud_fields
 
     rng = np.random.default_rng(0)
     fields, kind = {

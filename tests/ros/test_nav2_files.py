@@ -10,8 +10,9 @@ import yaml
 from swardmap.cli.app import run
 from swardmap.config import Config, config_from_dict
 from swardmap.errors import InvalidValueError, OutputError
-from swardmap.eval.margin_file import Margin, write_margin
-from swardmap.io.ros_fields import POINT
+from swardmap.io.bags.ros_fields import POINT
+from swardmap.io.files import write_text
+from swardmap.io.maps.margin_file import Margin, margin_text
 from swardmap.labels import GRASS_OBSTACLE_PERSON
 from swardmap.ros.nav2_files import NAMES, nav2_files, write_nav2_files
 from swardmap.ros.parameters import Parameters, declarations, parameters_from
@@ -164,7 +165,7 @@ def test_the_nodes_own_file_holds_parameters_of_the_node() -> None:
 
 
 def test_the_verb_takes_the_margin_file_and_the_rig(tmp_path: Path) -> None:
-    write_margin(tmp_path / "margin.yaml", Margin(0.21), "Measured.")
+    write_text(tmp_path / "margin.yaml", margin_text(Margin(0.21), "Measured."))
     (tmp_path / "rig.yaml").write_text(yaml.safe_dump(drive.RIG, sort_keys=False))
     options = ["--config", str(tmp_path / "margin.yaml"), "--rig", str(tmp_path / "rig.yaml")]
     assert run(["nav2", str(tmp_path / "out"), *options, "--namespace", "/mower"]) == 0

@@ -13,16 +13,17 @@ import numpy as np
 import pytest
 
 from swardmap.config import config_from_dict
-from swardmap.costmap import occupancy_from_costs
-from swardmap.eval.margin_file import Margin, write_margin
 from swardmap.geometry import Pose, mount_pose
 from swardmap.io import open_source
-from swardmap.io.map_files import read_map
-from swardmap.io.ros_fields import camera_info_fields, image_fields, odometry_fields, tf_fields
+from swardmap.io.bags.ros_fields import camera_info_fields, image_fields, odometry_fields, tf_fields
+from swardmap.io.files import write_text
+from swardmap.io.maps.map_files import read_map
+from swardmap.io.maps.margin_file import Margin, margin_text
+from swardmap.mapping.costmap import occupancy_from_costs
 from swardmap.models import build_segmenter
 from swardmap.pipeline import ObstacleMapper
-from swardmap.recording import MapRun, map_recording
 from swardmap.ros.outputs import OF_CAMERA, OF_NODE
+from swardmap.runs.recording import MapRun, map_recording
 from swardmap.synth.analytic import AnalyticSource, garden_scene, lane_poses
 from tests.bags import IMAGE, INFO, ODOMETRY, TF, Event, write_bag
 from tests.ros import drive
@@ -255,12 +256,12 @@ def test_work_area_margin_geometry_and_evidence_give_the_costs_of_the_recording(
     bag: Path, tmp_path: Path
 ) -> None:
     pytest.importorskip("pyproj")
-    from swardmap.gps import Projection
+    from swardmap.mapping.geodesy import Projection
 
     ring = Projection(52.4, 16.9).to_gps([(-1, -1.5), (4, -1.5), (4, 1.5), (-1, 1.5)]).tolist()
     lawn, margin = tmp_path / "lawn.geojson", tmp_path / "margin.yaml"
     lawn.write_text(json.dumps({"type": "Polygon", "coordinates": [[*ring, ring[0]]]}))
-    write_margin(margin, Margin(0.21, 0.34), "Measured.")
+    write_text(margin, margin_text(Margin(0.21, 0.34), "Measured."))
     settings = SETTINGS | {
         "area": {"file": str(lawn), "datum_lat": 52.4, "datum_lon": 16.9},
         "grid": {"mode": "evidence"},

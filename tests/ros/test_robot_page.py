@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from swardmap.health import WARNINGS, Fault
+from swardmap.monitor.diagnostics import WARNINGS, Fault
 from swardmap.ros import engine, inputs, session
 from swardmap.ros.gate import GateConfig
 from swardmap.ros.outputs import OF_CAMERA, OF_NODE

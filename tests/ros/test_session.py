@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 
 from swardmap.config import Config, config_from_dict
-from swardmap.costmap import LETHAL
 from swardmap.errors import ConfigError, InputError
 from swardmap.geometry import Pose
-from swardmap.health import Fault, HealthReport, Severity
-from swardmap.io.bag_topics import ImageTopic
-from swardmap.io.living_files import write_living
-from swardmap.io.ros_fields import odometry_fields
+from swardmap.io.bags.ros_fields import odometry_fields
+from swardmap.io.bags.topics import ImageTopic
+from swardmap.io.maps.log_odds_files import write_living
 from swardmap.labels import MapClass
+from swardmap.mapping.costmap import LETHAL
 from swardmap.models import build_segmenter
+from swardmap.monitor.diagnostics import Fault, HealthReport, Severity
 from swardmap.pipeline import ObstacleMapper
-from swardmap.rig import Rig
+from swardmap.rig.rig import Rig
 from swardmap.ros.parameters import Parameters, parameters_from
 from swardmap.ros.session import Session
 from swardmap.types import Frame
@@ -357,7 +357,7 @@ def lawn_file(folder: Path, ring: list[list[float]]) -> Path:
 
 def test_outside_the_work_area_the_costmap_is_lethal(tmp_path: Path) -> None:
     pytest.importorskip("pyproj")
-    from swardmap.gps import Projection
+    from swardmap.mapping.geodesy import Projection
 
     datum = Projection(52.4, 16.9)
     ring = datum.to_gps([(-1.0, -1.0), (3.0, -1.0), (3.0, 1.0), (-1.0, 1.0)]).tolist()

@@ -13,8 +13,8 @@ from swardmap.config import SourceConfig
 from swardmap.errors import ConfigError, OutputError
 from swardmap.grid import OccupancyGrid
 from swardmap.io import open_source
-from swardmap.io.map_files import read_map
-from swardmap.io.npz_files import read_npz
+from swardmap.io.maps.map_files import read_map
+from swardmap.io.maps.npz_files import read_npz
 from swardmap.labels import MapClass
 from swardmap.synth.config import CameraConfig, MapConfig, StereoConfig
 from swardmap.synth.plan import SynthPlan

@@ -12,8 +12,8 @@ import yaml
 
 from swardmap.errors import ConfigError, InputError
 from swardmap.geometry import Intrinsics
-from swardmap.io.eden import write_eden
-from swardmap.io.folder import write_folder
+from swardmap.io.sources.eden import write_eden
+from swardmap.io.sources.folder import write_folder
 from swardmap.labels import VOID_ID
 from swardmap.synth.analytic import AnalyticSource, lane_poses
 from swardmap.train.augment import Strength, paste, relight, warp

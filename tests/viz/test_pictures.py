@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from swardmap.costmap import Costmap
 from swardmap.errors import OutputError
 from swardmap.geometry import Intrinsics, Pose
 from swardmap.grid import GridSpec, OccupancyGrid
 from swardmap.labels import GRASS_OBSTACLE_PERSON, OTHER, PERSON, VOID_ID, MapClass
+from swardmap.mapping.costmap import Costmap
 from swardmap.types import Frame, LabeledCloud, Segmentation
 from swardmap.viz import drawing
 from swardmap.viz.maps import (

@@ -8,10 +8,10 @@ from typing import Annotated, Any
 import typer
 
 from swardmap.cli.options import Json
-from swardmap.costmap import Costmap
 from swardmap.errors import InputError, OutputError
 from swardmap.grid import OccupancyGrid
 from swardmap.labels import GRASS_OBSTACLE_PERSON, MapClass
+from swardmap.mapping.costmap import Costmap
 
 MAPS, PICTURES = (".yaml", ".yml", ".npz"), (".png", ".jpg", ".jpeg")
 CLOUDS = (".pcd", ".ply", ".bin")
@@ -84,8 +84,8 @@ def convert(
 
 
 def _convert_map(source: Path, target: Path, ignore_yaw: bool, overwrite: bool) -> dict[str, Any]:
-    from swardmap.io.map_files import is_costmap, read_costmap, read_map, write_costmap, write_map
-    from swardmap.io.npz_files import read_npz, write_npz
+    from swardmap.io.maps.map_files import is_costmap, read_costmap, read_map, write_costmap, write_map
+    from swardmap.io.maps.npz_files import read_npz, write_npz
 
     if source.suffix.lower() == ".npz":
         grid = read_npz(source)
@@ -121,8 +121,8 @@ def _convert_cloud(
     ascii_text: bool,
     overwrite: bool,
 ) -> dict[str, Any]:
-    from swardmap.io.annotation_files import read_annotated_cloud
-    from swardmap.io.cloud_files import label_points, read_points, write_cloud
+    from swardmap.io.annotations.annotation_files import read_annotated_cloud
+    from swardmap.io.clouds.cloud_files import label_points, read_points, write_cloud
 
     _check_target(target, CLOUDS, overwrite)
     points = read_points(source)
@@ -140,8 +140,8 @@ def _convert_cloud(
 def _convert_annotations(
     source: Path, target: Path, meanings: Mapping[str, str], overwrite: bool
 ) -> dict[str, Any]:
-    from swardmap.io.annotation_files import read_masks
-    from swardmap.io.mask_folder import write_masks
+    from swardmap.io.annotations.annotation_files import read_masks
+    from swardmap.io.annotations.mask_folder import write_masks
 
     masks = read_masks(source, GRASS_OBSTACLE_PERSON, meanings)
     if not len(masks):

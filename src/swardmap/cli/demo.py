@@ -34,7 +34,7 @@ def demo(
     chosen = settings(config, ["output.pictures=1", f"source.stop={json.dumps(frames)}", *(set_ or [])])
 
     from swardmap.io import open_source
-    from swardmap.recording import map_recording
+    from swardmap.runs.recording import map_recording
 
     source = open_source(RECORDING, chosen.source)
     with Progress(source.frame_count, quiet=as_json) as on_step:

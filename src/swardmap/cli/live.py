@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from swardmap.errors import InputError
-from swardmap.io.limited import LimitedSource
+from swardmap.io.sources.limited import LimitedSource
 
 Frames = Annotated[int | None, typer.Option("--frames", min=1, help="Stop after so many frames.")]
 Duration = Annotated[

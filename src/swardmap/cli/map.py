@@ -64,8 +64,8 @@ def map_command(
 
     from swardmap.io import is_live, open_source
     from swardmap.io.files import refuse_to_replace
-    from swardmap.io.limited import LimitedSource
-    from swardmap.recording import map_recording
+    from swardmap.io.sources.limited import LimitedSource
+    from swardmap.runs.recording import map_recording
 
     live = is_live(source)
     if not live:

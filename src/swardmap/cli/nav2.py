@@ -26,7 +26,7 @@ def nav2_command(
 ) -> None:
     """Write ready parameter files for the node and for Nav2, with your margin (docs/nav2.md)."""
     chosen = settings(config, list(set_ or []))
-    from swardmap.rig import read_rig
+    from swardmap.rig.rig import read_rig
     from swardmap.ros.nav2_files import nav2_files, write_nav2_files
 
     found = None if rig is None else read_rig(rig)

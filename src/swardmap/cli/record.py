@@ -48,9 +48,9 @@ def record_command(
     chosen = settings(config, [*(set_ or []), *([f"source.format={kind}"] if kind else [])])
 
     from swardmap.io import is_live, open_source
-    from swardmap.io.limited import LimitedSource
-    from swardmap.io.mcap_writer import record
-    from swardmap.io.record_messages import RecordOptions
+    from swardmap.io.bags.mcap_writer import record
+    from swardmap.io.bags.record_messages import RecordOptions
+    from swardmap.io.sources.limited import LimitedSource
     from swardmap.pipeline import configured_mount
 
     options = RecordOptions(images, depth, configured_mount(chosen.mount))

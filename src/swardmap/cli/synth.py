@@ -82,7 +82,7 @@ def synth(
 
 def lights_of(words: list[str]) -> tuple[str, ...]:
     """The lights that `--illumination` names, in EDEN's order; commas part several."""
-    from swardmap.io.eden_layout import LIGHTS
+    from swardmap.io.sources.eden_layout import LIGHTS
 
     named = [part.strip() for word in words for part in word.split(",")]
     unknown = sorted(set(named) - {*LIGHTS, "all"})

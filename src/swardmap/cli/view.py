@@ -54,9 +54,9 @@ def view_command(
     chosen = settings(config, [*(set_ or []), *named])
 
     from swardmap.io import is_live, open_source
-    from swardmap.io.limited import LimitedSource
+    from swardmap.io.sources.limited import LimitedSource
     from swardmap.models import build_segmenter
-    from swardmap.recording import RunTotals, build_mapper, map_steps
+    from swardmap.runs.recording import RunTotals, build_mapper, map_steps
     from swardmap.viz.rerun_sink import load_rerun, rerun_sink
     from swardmap.viz.rerun_stream import RerunStream, layout
 

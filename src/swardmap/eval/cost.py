@@ -173,7 +173,7 @@ def margin_cost(
     """
     if map_file is None:
         return None
-    from swardmap.io.map_files import read_map
+    from swardmap.io.maps.map_files import read_map
 
     grid = read_map(map_file)
     x0, x1, y0, y1 = grid.spec.extent_m

@@ -12,12 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 from swardmap.config import SourceConfig
 from swardmap.errors import InputError, SwardmapError
-from swardmap.eval.gardens import AnalyticGardens, is_analytic
-from swardmap.io import FrameSource, open_source
+from swardmap.io import CleanSource, FrameSource, is_named, open_source
 from swardmap.types import Frame
 
 if TYPE_CHECKING:
-    from swardmap.io.masks import Masks
+    from swardmap.io.annotations.masks import Masks
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,8 +59,6 @@ class Numbered:
 
 def open_dataset(spec: DatasetSpec) -> FrameSource:
     """Open the recording itself, to ask for its name, its classes and its first frame."""
-    if is_analytic(spec.location):
-        return AnalyticGardens(spec.location, spec.source)
     return open_source(spec.location, spec.source)
 
 
@@ -138,8 +135,8 @@ def _with_truth(spec: DatasetSpec, index: int, frame: Frame, clean: Frame | None
             frame = _with_mask(frame, spec.masks)
         if frame.labels is None:
             raise InputError(f"frame {frame.name or index}: expected true labels, got none")
-        if is_analytic(spec.location):
-            clean = AnalyticGardens(spec.location, spec.source).clean_frame(index)
+        if is_named(spec.location) and isinstance(made := open_dataset(spec), CleanSource):
+            clean = made.clean_frame(index)
         elif clean is not None:
             clean = _same_frame(frame, clean, spec.clean or "")
         return Numbered(index, frame, clean)
@@ -156,7 +153,7 @@ def _with_mask(frame: Frame, location: str) -> Frame:
 
 @lru_cache(maxsize=2)
 def _masks(location: str) -> "Masks":
-    from swardmap.io.annotation_files import read_masks
+    from swardmap.io.annotations.annotation_files import read_masks
 
     return read_masks(location)
 
@@ -186,4 +183,4 @@ def _part(spec: DatasetSpec, start: int, stop: int) -> DatasetSpec:
 
 def dataset_name(location: str) -> str:
     """What a report calls a dataset."""
-    return "the built-in gardens" if is_analytic(location) else Path(location).resolve().name
+    return "the built-in gardens" if is_named(location) else Path(location).resolve().name

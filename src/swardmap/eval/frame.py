@@ -19,7 +19,7 @@ from swardmap.eval.maps import PROTOCOLS, FrameMaps, MapComparison, at_resolutio
 from swardmap.geometry import Pose
 from swardmap.labels import LabelSet
 from swardmap.models import build_segmenter
-from swardmap.pipeline import Segmenter
+from swardmap.segmenter import Segmenter
 from swardmap.types import Frame, Segmentation
 
 FORMAT = 1
@@ -193,7 +193,7 @@ def pose_of(plan: Plan, frame: Frame) -> Pose:
     if frame.T_map_camera is not None:
         return frame.T_map_camera
     if plan.T_base_camera is None:
-        from swardmap.level import estimate_mount
+        from swardmap.perception.ground_plane import estimate_mount
 
         return estimate_mount(frame)
     return Pose("base", "camera", np.array(plan.T_base_camera).reshape(4, 4))

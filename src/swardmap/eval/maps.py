@@ -7,7 +7,6 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from swardmap.cloud import crop_height
 from swardmap.config import Config, GeometryConfig
 from swardmap.errors import InputError, InvalidValueError
 from swardmap.eval.confusion import confusion_of_maps
@@ -15,8 +14,9 @@ from swardmap.eval.dmin import Misses, find_misses, nearest_hits
 from swardmap.eval.tally import RANGE_BANDS_M, MapTally, MissedKind, MissKind
 from swardmap.geometry import Pose
 from swardmap.grid import GridSpec, OccupancyGrid, classify_cells, count_points
-from swardmap.ground import see_ground, with_ground
 from swardmap.labels import MapClass
+from swardmap.perception.cloud import crop_height
+from swardmap.perception.geometric_obstacles import see_ground, with_ground
 from swardmap.pipeline import semantic_grid, view_spec
 from swardmap.types import Frame, LabeledCloud, Segmentation
 

@@ -8,7 +8,7 @@ from swardmap.errors import InvalidValueError
 from swardmap.eval.distances import DistanceHistogram
 from swardmap.eval.frame import Plan, split_key
 from swardmap.eval.margin import POPULATIONS, Claim, measure_margin, unit_misses, units_needed
-from swardmap.eval.margin_file import margin_of, statement_of
+from swardmap.eval.margin_statement import margin_of, statement_of
 from swardmap.eval.tally import MapTally, total_of
 
 Record = Mapping[str, Any]

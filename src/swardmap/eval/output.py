@@ -16,10 +16,10 @@ from typing import Any
 
 from swardmap.config import config_to_yaml
 from swardmap.eval.frame import Plan, split_key
-from swardmap.eval.margin_file import Margin, margin_text
 from swardmap.eval.tables import latex, markdown, paper_tables
 from swardmap.eval.tally import MapTally
 from swardmap.io.files import write_text
+from swardmap.io.maps.margin_file import Margin, margin_text
 
 Record = Mapping[str, Any]
 

@@ -52,12 +52,12 @@ class SourceModule(Protocol):
 
 
 SOURCES: Mapping[str, str] = {
-    "folder": "swardmap.io.folder",
-    "gardens": "swardmap.io.gardens",
-    "3dmatch": "swardmap.io.threedmatch",
-    "orfd": "swardmap.io.orfd",
-    "eden": "swardmap.io.eden",
-    "rosbag": "swardmap.io.rosbag",
+    "folder": "swardmap.io.sources.folder",
+    "gardens": "swardmap.io.sources.gardens",
+    "3dmatch": "swardmap.io.sources.threedmatch",
+    "orfd": "swardmap.io.sources.orfd",
+    "eden": "swardmap.io.sources.eden",
+    "rosbag": "swardmap.io.bags.rosbag",
 }
 """Kinds of source and the module that reads each; asked in this order."""
 
@@ -70,8 +70,33 @@ class LiveModule(Protocol):
         """Open the camera at `address` (empty: the only one), or raise InputError."""
 
 
-LIVE: Mapping[str, str] = {"realsense": "swardmap.io.realsense_live"}
+LIVE: Mapping[str, str] = {"realsense": "swardmap.io.sources.realsense_live"}
 """Kinds of live camera, named as `realsense:` or `realsense:ADDRESS`, and the module of each."""
+
+
+class NamedModule(Protocol):
+    """What a module named in NAMED offers."""
+
+    @staticmethod
+    def open_named(location: str, config: SourceConfig) -> FrameSource:
+        """Open what `location` describes, or raise ConfigError saying what it may hold."""
+
+
+NAMED: Mapping[str, str] = {"analytic": "swardmap.synth.analytic_source"}
+"""Sources that are made and not read, named as `analytic` or `analytic:KEY=VALUE,...`."""
+
+
+@runtime_checkable
+class CleanSource(Protocol):
+    """A source that also knows its frames as an ideal sensor sees them."""
+
+    def clean_frame(self, position: int) -> Frame:
+        """The frame at a position of this source, with exact depth."""
+
+
+def is_named(location: str | Path) -> bool:
+    """Whether a location describes frames that are made and names no file."""
+    return str(location).partition(":")[0] in NAMED
 
 
 def is_live(location: str | Path) -> bool:
@@ -86,7 +111,7 @@ def open_source(
     """Open a recording, whatever kind it is, or a live camera.
 
     Args:
-        location: folder, file, or `realsense:`, `realsense:SERIAL`.
+        location: folder, file, `realsense:`, `realsense:SERIAL`, or `analytic:scenes=4`.
         config: how to read it; `config.format` names the kind where it cannot be recognised.
         camera: how to run a live camera.
 
@@ -99,6 +124,9 @@ def open_source(
         kind, _, address = str(location).partition(":")
         live: LiveModule = importlib.import_module(LIVE[kind])  # type: ignore[assignment]
         return live.open_live(address, config, camera or CameraConfig())
+    if is_named(location):
+        named: NamedModule = importlib.import_module(NAMED[str(location).partition(":")[0]])  # type: ignore[assignment]
+        return named.open_named(str(location), config)
     path = Path(location)
     try:
         if not path.exists():

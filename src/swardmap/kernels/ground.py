@@ -1,4 +1,4 @@
-"""The two passes over the pixels that `swardmap.ground` needs, compiled (twins: its NumPy functions)."""
+"""The two passes over the pixels of `geometric_obstacles`, compiled (twins: its NumPy functions)."""
 
 import numba as nb
 import numpy as np

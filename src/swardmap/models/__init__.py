@@ -11,7 +11,7 @@ from typing import Protocol
 from swardmap.config import SegmenterConfig
 from swardmap.errors import ConfigError
 from swardmap.labels import LabelSet
-from swardmap.pipeline import Segmenter
+from swardmap.segmenter import Segmenter
 
 BUNDLED_FOLDER = Path(__file__).parent.parent / "data" / "models"
 BUNDLED_NAME = "lawn.onnx"

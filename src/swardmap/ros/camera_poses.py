@@ -5,9 +5,9 @@ from typing import Any
 
 from swardmap.errors import ConfigError
 from swardmap.geometry import Pose
-from swardmap.io.tf import ALWAYS_NS
+from swardmap.io.bags.tf import ALWAYS_NS
 from swardmap.pipeline import configured_mount
-from swardmap.rig import Rig
+from swardmap.rig.rig import Rig
 from swardmap.ros.inputs import CameraPair
 from swardmap.ros.parameters import Parameters
 from swardmap.ros.poses import LivePoses

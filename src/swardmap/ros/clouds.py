@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from swardmap.cloud import consistent_depth, crop_range
 from swardmap.config import CloudConfig
 from swardmap.geometry import Pose, deproject, transform_points
 from swardmap.grid import OccupancyGrid
-from swardmap.io.ros_fields import POINT, Fields, packed_cloud_fields, point_cloud_fields
+from swardmap.io.bags.ros_fields import POINT, Fields, packed_cloud_fields, point_cloud_fields
 from swardmap.labels import VOID_ID, LabelSet, MapClass
+from swardmap.perception.cloud import consistent_depth, crop_range
 from swardmap.pipeline import StepResult
 from swardmap.types import Frame, Segmentation, nearest_indices
 

@@ -11,19 +11,20 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from swardmap.config import Config
-from swardmap.costmap import Costmap
 from swardmap.errors import InputError
-from swardmap.freshness import Freshness
 from swardmap.geometry import Pose
 from swardmap.grid import GridSpec, OccupancyGrid
-from swardmap.health import Diagnosis, HealthReport, frame_stats
 from swardmap.labels import LabelSet
-from swardmap.living import LivingMap
-from swardmap.pipeline import ObstacleMapper, Segmenter, StepResult, configured_mount
+from swardmap.mapping.costmap import Costmap
+from swardmap.mapping.last_observed import Freshness
+from swardmap.mapping.log_odds_map import LivingMap
+from swardmap.mapping.work_area import WorkArea
+from swardmap.monitor.diagnostics import Diagnosis, HealthReport, frame_stats
+from swardmap.monitor.watchdog import Watchdog
+from swardmap.pipeline import ObstacleMapper, StepResult, configured_mount
 from swardmap.ros.stage_times import StageTimes
+from swardmap.segmenter import Segmenter
 from swardmap.types import Frame, Segmentation
-from swardmap.watchdog import Watchdog
-from swardmap.work_area import WorkArea
 
 LATE_NS = 1_000_000_000
 """A frame this much older than the newest in the map says nothing about now; it is left out."""
@@ -189,7 +190,7 @@ class Engine:
             OutputError: if it cannot be written.
         """
         from swardmap.io.files import new_output_folder
-        from swardmap.io.run_files import RunWriter
+        from swardmap.runs.files import RunWriter
 
         grid = self.snapshot(None)
         if grid is None or not self._newest_ns:

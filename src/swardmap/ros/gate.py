@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from swardmap.config.settings import Checked, setting
 from swardmap.errors import ConfigError
 from swardmap.geometry import Pose
-from swardmap.settings import Checked, setting
 
 EDGE_M = 1e-6
 """What lies on the edge of the zone is in it, however it was rounded."""

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from swardmap.config.settings import build
 from swardmap.errors import ConfigError, SwardmapError
-from swardmap.io.ros_messages import pose_from_odometry
+from swardmap.io.bags.ros_messages import pose_from_odometry
 from swardmap.ros.gate import Command, GateConfig, Known, refusal
 from swardmap.ros.subscription import AUTO, FOLLOW_S, Subscription
 from swardmap.ros.topics import rclpy_module
-from swardmap.settings import build
 
 ZEROS_HZ = 20.0
 """While the robot must not move it is told so as often, whether commands come or not."""

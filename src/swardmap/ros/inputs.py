@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from swardmap.align import align_depth_to_color
 from swardmap.config import SourceConfig
 from swardmap.geometry import Pose
-from swardmap.io.bag_topics import ImageTopic
-from swardmap.io.pairing import COLOR, DEPTH, Pair, Pairer
-from swardmap.io.ros_camera import Calibration, calibration_from_camera_info
-from swardmap.io.ros_messages import stamp_ns
-from swardmap.rig import RigCamera
+from swardmap.io.bags.ros_camera import Calibration, calibration_from_camera_info
+from swardmap.io.bags.ros_messages import stamp_ns
+from swardmap.io.bags.topics import ImageTopic
+from swardmap.io.sources.pairing import COLOR, DEPTH, Pair, Pairer
+from swardmap.perception.align import align_depth_to_color
+from swardmap.rig.rig import RigCamera
 from swardmap.types import Frame
 
 WAITING_IMAGES = 15

@@ -13,15 +13,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swardmap.costmap import Costmap, occupancy_from_costs
 from swardmap.grid import GridSpec, OccupancyGrid
-from swardmap.io.ros_fields import (
+from swardmap.io.bags.ros_fields import (
     Fields,
     header_fields,
     image_fields,
     occupancy_grid_fields,
 )
 from swardmap.labels import VOID_ID, LabelSet
+from swardmap.mapping.costmap import Costmap, occupancy_from_costs
 from swardmap.types import Segmentation
 
 Rectangle = tuple[int, int, int, int]

@@ -8,7 +8,7 @@ from functools import partial
 from typing import Any
 
 from swardmap.errors import ConfigError, SwardmapError
-from swardmap.io.pairing import COLOR, DEPTH
+from swardmap.io.sources.pairing import COLOR, DEPTH
 from swardmap.models import build_segmenter
 from swardmap.ros.inputs import is_compressed
 from swardmap.ros.outputs import Outputs
@@ -139,7 +139,7 @@ class RobotNode:
         return TransitionCallbackReturn.SUCCESS
 
     def _configure(self) -> None:
-        from swardmap.rig import read_rig
+        from swardmap.rig.rig import read_rig
 
         for sentence in self._types.without:
             self.log.info(sentence)
@@ -163,7 +163,7 @@ class RobotNode:
         """The measured margin, in place of what the parameters say; they tell it from then on."""
         from rclpy.parameter import Parameter
 
-        from swardmap.eval.margin_file import read_margin
+        from swardmap.io.maps.margin_file import read_margin
 
         file = self.parameters.node.margin_file
         if file is None:

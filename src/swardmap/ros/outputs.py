@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swardmap.config import Config
-from swardmap.costmap import Costmap, occupancy_from_costs
 from swardmap.grid import GridSpec, OccupancyGrid
-from swardmap.health import HealthReport, Severity
-from swardmap.io.ros_fields import occupancy_grid_fields
+from swardmap.io.bags.ros_fields import occupancy_grid_fields
 from swardmap.labels import LabelSet, MapClass
+from swardmap.mapping.costmap import Costmap, occupancy_from_costs
+from swardmap.monitor.diagnostics import HealthReport, Severity
 from swardmap.ros import messages
 from swardmap.ros.clouds import (
     cloud_fields,

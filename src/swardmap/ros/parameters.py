@@ -12,8 +12,8 @@ from dataclasses import dataclass, field, fields
 from typing import Any
 
 from swardmap.config import Config, config_from_dict, config_to_dict
+from swardmap.config.settings import Checked, build, setting
 from swardmap.errors import ConfigError
-from swardmap.settings import Checked, build, setting
 
 LEFT_OUT = frozenset(
     {"output", "camera", "source.format", "source.start", "source.stop", "source.every",

@@ -6,9 +6,9 @@ from typing import Any
 from swardmap.config import SourceConfig
 from swardmap.errors import InputError
 from swardmap.geometry import Pose
-from swardmap.io.bag_poses import add_message
-from swardmap.io.ros_messages import stamp_ns, vectors
-from swardmap.io.tf import ALWAYS_NS, TransformBuffer
+from swardmap.io.bags.poses import add_message
+from swardmap.io.bags.ros_messages import stamp_ns, vectors
+from swardmap.io.bags.tf import ALWAYS_NS, TransformBuffer
 
 MAP_FRAME = "map"
 """The frame of the map where nobody says another. A recording may fall back on odom, since all of its tree is

@@ -13,19 +13,20 @@ import numpy as np
 from swardmap.config import Config
 from swardmap.errors import SwardmapError
 from swardmap.geometry import Pose
-from swardmap.health import Diagnosis, Fault, HealthReport
-from swardmap.io.pairing import COLOR
-from swardmap.io.ros_messages import pose_from_odometry, stamp_ns
-from swardmap.living import LivingMap
-from swardmap.pipeline import Segmenter, StepResult
-from swardmap.rig import Rig
+from swardmap.io.bags.ros_messages import pose_from_odometry, stamp_ns
+from swardmap.io.sources.pairing import COLOR
+from swardmap.mapping.log_odds_map import LivingMap
+from swardmap.mapping.work_area import WorkArea
+from swardmap.monitor.diagnostics import Diagnosis, Fault, HealthReport
+from swardmap.pipeline import StepResult
+from swardmap.rig.active_cameras import ActiveCameras
+from swardmap.rig.rig import Rig
 from swardmap.ros.camera_poses import CameraPoses
 from swardmap.ros.engine import Engine
 from swardmap.ros.frame_queue import FrameQueue
 from swardmap.ros.inputs import CameraInput, CameraPair, camera_topics
 from swardmap.ros.parameters import Parameters
-from swardmap.travel import ActiveCameras
-from swardmap.work_area import WorkArea
+from swardmap.segmenter import Segmenter
 
 ONLY_CAMERA = "camera"
 """Name of the camera where there is no rig."""
@@ -290,8 +291,8 @@ class Session:
 
 def _area_and_map(config: Config) -> tuple[WorkArea | None, LivingMap | None]:
     """The work area, and the saved map to go on from, where the configuration names them."""
-    from swardmap.io.area_files import read_area
-    from swardmap.io.living_files import read_living_map
+    from swardmap.io.maps.area_files import read_area
+    from swardmap.io.maps.log_odds_files import read_living_map
 
     area = read_area(config.area)
     living = None if config.grid.resume is None else read_living_map(config.grid.resume, config)

@@ -8,16 +8,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swardmap.align import align_depth_to_color
 from swardmap.config import Config, GridConfig
-from swardmap.costmap import build_costmap
 from swardmap.geometry import Intrinsics, Pose, mount_pose
 from swardmap.grid import GridSpec, OccupancyGrid
-from swardmap.health import frame_stats
 from swardmap.labels import MapClass
-from swardmap.mapper import GridMapper
-from swardmap.pipeline import ObstacleMapper, Segmenter
+from swardmap.mapping.costmap import build_costmap
+from swardmap.mapping.last_seen_map import GridMapper
+from swardmap.monitor.diagnostics import frame_stats
+from swardmap.perception.align import align_depth_to_color
+from swardmap.pipeline import ObstacleMapper
 from swardmap.ros.clouds import cloud_fields
+from swardmap.segmenter import Segmenter
 from swardmap.types import Frame
 
 SMALL = Intrinsics(64, 48, 46.0, 46.0, 31.5, 23.5)

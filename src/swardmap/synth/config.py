@@ -10,8 +10,8 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+from swardmap.config.settings import Checked, build, merge_overrides, setting, yaml_lines
 from swardmap.errors import ConfigError
-from swardmap.settings import Checked, build, merge_overrides, setting, yaml_lines
 
 
 def span(low: float, high: float, about: str, minimum: float | None = None) -> Any:

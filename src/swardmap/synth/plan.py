@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from swardmap.errors import ConfigError, InputError, OutputError
-from swardmap.io.eden_layout import LIGHTS
 from swardmap.io.files import MARKER, write_text
+from swardmap.io.sources.eden_layout import LIGHTS
 from swardmap.synth.config import SynthConfig, digest, synth_config_to_dict
 
 MAX_SCENES = 10_000

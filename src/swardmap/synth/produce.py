@@ -22,7 +22,7 @@ import numpy as np
 
 from swardmap.errors import OutputError, SwardmapError
 from swardmap.grid import OccupancyGrid
-from swardmap.io.eden_layout import LIGHTS
+from swardmap.io.sources.eden_layout import LIGHTS
 from swardmap.synth.config import SynthConfig, digest, synth_config_to_dict
 from swardmap.synth.model import Garden
 from swardmap.synth.plan import SynthPlan, garden_seed, prepare_folder
@@ -233,7 +233,7 @@ def _garden(stage_of: StageOf, config: SynthConfig, seed: int) -> tuple[Garden, 
 
 def _meta(plan: SynthPlan, source: GardenSource, stage: Stage, scene: int) -> dict[str, Any]:
     """All that was drawn, and what it depends on."""
-    from swardmap.recording import versions
+    from swardmap.runs.versions import versions
 
     kinds = Counter(thing.kind for thing in source.garden.things)
     sensor = source.sensor

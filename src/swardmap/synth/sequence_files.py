@@ -22,13 +22,13 @@ import numpy as np
 from swardmap.config import SourceConfig
 from swardmap.errors import InputError, OutputError
 from swardmap.grid import OccupancyGrid
-from swardmap.io import folder
-from swardmap.io.eden import write_eden
-from swardmap.io.eden_layout import MODALITIES
 from swardmap.io.files import read_bytes, write_bytes, write_text
 from swardmap.io.images import encode_png
-from swardmap.io.map_files import write_map
-from swardmap.io.npz_files import write_npz
+from swardmap.io.maps.map_files import write_map
+from swardmap.io.maps.npz_files import write_npz
+from swardmap.io.sources import folder
+from swardmap.io.sources.eden import write_eden
+from swardmap.io.sources.eden_layout import MODALITIES
 from swardmap.synth.census import FACTS_FILE, frame_facts
 from swardmap.synth.config import MapConfig
 from swardmap.synth.sequence import GardenSource, Shot, to_millimetres

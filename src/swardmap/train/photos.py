@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swardmap.errors import ConfigError, InputError
-from swardmap.io.annotation_files import read_masks
+from swardmap.io.annotations.annotation_files import read_masks
 from swardmap.labels import GRASS_OBSTACLE_PERSON, VOID_ID, LabelSet
 from swardmap.train.augment import Image
 from swardmap.train.recipe import DataConfig, NetworkConfig

@@ -11,9 +11,9 @@ from typing import Any
 
 import yaml
 
+from swardmap.config.settings import Checked, build, merge_overrides, setting
 from swardmap.errors import ConfigError
 from swardmap.labels import GRASS_OBSTACLE_PERSON, LabelSet, Role
-from swardmap.settings import Checked, build, merge_overrides, setting
 from swardmap.train.classes import PAPER_SETS, read_classes
 
 ENCODER_NAMES = ("resnet18", "resnet34", "efficientnet-lite0", "efficientnet-lite1", "efficientnet-lite2")

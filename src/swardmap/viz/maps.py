@@ -7,10 +7,10 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from swardmap.costmap import INSCRIBED, LETHAL, NO_INFORMATION
 from swardmap.geometry import Intrinsics, Pose
 from swardmap.grid import GridSpec, OccupancyGrid
 from swardmap.labels import GRASS, OTHER, PERSON, MapClass
+from swardmap.mapping.costmap import INSCRIBED, LETHAL, NO_INFORMATION
 from swardmap.types import LabeledCloud
 from swardmap.viz.drawing import INK, PAPER, Color, Picture, blend, write
 

@@ -6,12 +6,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from swardmap.costmap import Costmap
 from swardmap.errors import OutputError
 from swardmap.geometry import Pose
 from swardmap.grid import OccupancyGrid
 from swardmap.io.files import write_bytes
 from swardmap.labels import LabelSet, Role
+from swardmap.mapping.costmap import Costmap
 from swardmap.types import Frame, LabeledCloud, Segmentation
 from swardmap.viz.drawing import (
     MUTED,

@@ -23,9 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swardmap.config import Config
-from swardmap.costmap import INSCRIBED, LETHAL, NO_INFORMATION
 from swardmap.grid import OccupancyGrid
 from swardmap.labels import LabelSet, MapClass
+from swardmap.mapping.costmap import INSCRIBED, LETHAL, NO_INFORMATION
 from swardmap.pipeline import ObstacleMapper, StepResult
 from swardmap.types import Frame
 from swardmap.viz.maps import (

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from swardmap.errors import InvalidValueError
 from swardmap.geometry import project
-from swardmap.io.eden_layout import LIGHTS
+from swardmap.io.sources.eden_layout import LIGHTS
 from swardmap.synth.light import sample_light
 from swardmap.synth.render.blades import FULL_PER_M2, tufts
 from swardmap.synth.render.camera import Camera

@@ -1,0 +1,1 @@
+"""True labels as annotation tools write them."""

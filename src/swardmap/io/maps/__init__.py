@@ -1,0 +1,1 @@
+"""Maps, costmaps and areas as files."""

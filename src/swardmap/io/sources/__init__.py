@@ -1,0 +1,1 @@
+"""Frames from folders, data sets and cameras; one module for each kind."""

@@ -1,0 +1,143 @@
+"""Watches one camera: its stamps, its rate, and the little that is known of its images."""
+
+from collections import deque
+from collections.abc import Iterable
+
+from swardmap.config import WatchdogConfig
+from swardmap.monitor.diagnostics import Fault, FrameStats, in_ns
+
+NS = 1_000_000_000
+MAX_ARRIVALS = 16384
+
+
+class CameraWatch:
+    """What is remembered of one camera.
+
+    Args:
+        name: of the camera.
+        config: thresholds.
+    """
+
+    def __init__(self, name: str, config: WatchdogConfig) -> None:
+        self.name = name
+        self._config = config
+        self._arrivals: deque[int] = deque(maxlen=MAX_ARRIVALS)
+        self._last: FrameStats | None = None
+        self._active_since_ns: int | None = None
+        self._since_ns: dict[Fault, int] = {}  # arrival at which a bad image was first seen
+        self._jumped_ns: dict[Fault, int] = {}
+
+    def observe(self, stats: FrameStats) -> bool:
+        """Take one frame; returns whether it may go into the map."""
+        last, fit = self._last, True
+        if last is not None:
+            ahead_ns = (stats.stamp_ns - last.stamp_ns) - (stats.arrival_ns - last.arrival_ns)
+            if stats.stamp_ns <= last.stamp_ns:
+                self._jumped_ns[Fault.JUMPED_BACK], fit = stats.arrival_ns, False
+            elif ahead_ns > in_ns(self._config.jump_s):
+                self._jumped_ns[Fault.JUMPED_AHEAD], fit = stats.arrival_ns, False
+        for fault, bad in self._looks(stats, last).items():
+            if not bad:
+                self._since_ns.pop(fault, None)
+            elif fault == Fault.FROZEN and last is not None:
+                self._since_ns.setdefault(fault, last.arrival_ns)
+            else:
+                self._since_ns.setdefault(fault, stats.arrival_ns)
+            fit = fit and not bad
+        if last is not None and stats.arrival_ns - last.arrival_ns > in_ns(self._config.stopped_s):
+            self._begin(stats.arrival_ns)  # it had stopped, which was said; its rate counts from now
+        self._last = stats
+        self._arrivals.append(stats.arrival_ns)
+        while self._arrivals[0] < stats.arrival_ns - in_ns(self._span_s):
+            self._arrivals.popleft()
+        return fit
+
+    @property
+    def _span_s(self) -> float:
+        return self._config.rate_window_s + self._config.rate_reference_s
+
+    def _looks(self, stats: FrameStats, last: FrameStats | None) -> dict[Fault, bool]:
+        """Faults of the image itself; what is black or without depth is named so, not frozen."""
+        config = self._config
+        black, blind = stats.bright_level < config.black_level, stats.depth_share < config.min_depth_share
+        same = last is not None and (
+            (not black and stats.color_print == last.color_print)
+            or (not blind and stats.depth_print == last.depth_print)
+        )
+        return {
+            Fault.BLACK: black,
+            Fault.NO_DEPTH: blind,
+            Fault.FLIPPED: stats.upside_down is True,
+            Fault.FROZEN: same and config.frozen_s is not None,
+        }
+
+    def set_active(self, active: bool, now_ns: int) -> None:
+        """Say whether the camera is to be running; what it did while it was not is not held against it."""
+        if not active:
+            self._active_since_ns = None
+        elif self._active_since_ns is None:
+            self._active_since_ns = now_ns
+            self._begin(now_ns)
+
+    def _begin(self, now_ns: int) -> None:
+        """Count the rate from now on."""
+        self._arrivals.clear()
+        if self._active_since_ns is not None:
+            self._active_since_ns = now_ns
+
+    def jumped_back(self, now_ns: int) -> None:
+        """Take that a frame was refused for its stamp, before anybody looked at it."""
+        self._jumped_ns[Fault.JUMPED_BACK] = now_ns
+
+    def restart(self, now_ns: int) -> None:
+        """The clock went back: arrivals so far mean nothing."""
+        self._last, self._since_ns, self._jumped_ns = None, {}, {}
+        self._begin(now_ns)
+
+    def rate_hz(self, now_ns: int) -> float:
+        """Frames a second of the last window, or of the time it has been active."""
+        window_ns = in_ns(self._config.rate_window_s)
+        count = sum(1 for t in self._arrivals if t > now_ns - window_ns)
+        return count * NS / max(1, min(window_ns, now_ns - (self._active_since_ns or 0)))
+
+    def faults(self, now_ns: int) -> Iterable[tuple[Fault, str]]:
+        """Faults at a time, with the numbers; nothing while the camera is not active."""
+        config, last, active_ns = self._config, self._last, self._active_since_ns
+        if active_ns is None:
+            return
+        came_ns = active_ns if last is None else max(active_ns, last.arrival_ns)
+        ahead = last is not None and last.stamp_ns - now_ns > in_ns(config.jump_s)
+        if ahead and last is not None:  # two clocks: how old an image is can no longer be told
+            yield Fault.JUMPED_AHEAD, f"newest image is of {(last.stamp_ns - now_ns) / NS:.2f} s from now"
+        for fault, at_ns in self._jumped_ns.items():
+            if now_ns - at_ns < in_ns(config.hold_s) and not (ahead and fault == Fault.JUMPED_AHEAD):
+                yield fault, f"{(now_ns - at_ns) / NS:.2f} s ago"
+        if now_ns - came_ns > in_ns(config.stopped_s):
+            yield Fault.STOPPED, f"no frame for {(now_ns - came_ns) / NS:.2f} s"
+            return
+        if last is None or last.arrival_ns < active_ns:
+            return
+        age_ns = now_ns - last.stamp_ns
+        if age_ns > in_ns(config.stale_s):
+            yield Fault.STALE, f"newest image is {age_ns / NS:.2f} s old"
+        for fault, since_ns in self._since_ns.items():
+            needed_s = config.frozen_s if fault == Fault.FROZEN else config.image_s
+            if now_ns - since_ns >= in_ns(needed_s or 0):
+                yield fault, f"for {(now_ns - since_ns) / NS:.2f} s"
+        yield from self._rate_faults(now_ns, active_ns)
+
+    def _rate_faults(self, now_ns: int, active_ns: int) -> Iterable[tuple[Fault, str]]:
+        config = self._config
+        window_ns, reference_ns = in_ns(config.rate_window_s), in_ns(config.rate_reference_s)
+        if now_ns - active_ns < window_ns:
+            return
+        rate = self.rate_hz(now_ns)
+        if rate < config.min_rate_hz:
+            yield Fault.SLOW, f"{rate:.1f} frames/s, expected at least {config.min_rate_hz:g}"
+        start_ns = max(active_ns, now_ns - window_ns - reference_ns)
+        if now_ns - window_ns - start_ns < window_ns:
+            return
+        before = sum(1 for t in self._arrivals if start_ns < t <= now_ns - window_ns)
+        before_hz = before * NS / (now_ns - window_ns - start_ns)
+        if rate < config.falling_share * before_hz:
+            yield Fault.FALLING_RATE, f"{rate:.1f} frames/s, {before_hz:.1f} before"

@@ -1,0 +1,1 @@
+"""What one view shows: cloud (Eq. 1), filters, ground, what stands on it."""

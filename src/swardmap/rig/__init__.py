@@ -1,0 +1,1 @@
+"""Several cameras on one robot, and which of them are asked."""

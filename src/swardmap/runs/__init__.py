@@ -1,0 +1,1 @@
+"""A whole recording, from source to files, in one process or many."""

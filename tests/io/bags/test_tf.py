@@ -1,0 +1,143 @@
+"""Lookups in the frame tree against SciPy's rotations and spherical interpolation."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation, Slerp
+
+from swardmap.errors import InputError
+from swardmap.geometry import Float64Array
+from swardmap.io.bags.tf import ALWAYS_NS, TransformBuffer
+
+UNIT = (0.0, 0.0, 0.0, 1.0)
+MS = 1_000_000
+
+
+def matrix(rotation: Rotation, translation: Float64Array) -> Float64Array:
+    out = np.eye(4)
+    out[:3, :3] = rotation.as_matrix()
+    out[:3, 3] = translation
+    return out
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 10_000), fractions=st.lists(st.floats(0, 1), min_size=3, max_size=3))
+def test_lookup_between_two_branches_equals_scipy(seed: int, fractions: list[float]) -> None:
+    # map -> odom -> base -> camera (static), and map -> dock: the way goes up one branch and down another
+    rng = np.random.default_rng(seed)
+    edges = {"odom": "map", "base": "odom", "dock": "map"}
+    buffer, truth = TransformBuffer(), {}
+    stamp_ns = 500 * MS
+    for (child, parent), fraction in zip(edges.items(), fractions, strict=True):
+        before = stamp_ns - round(fraction * 40 * MS) - 1
+        after = before + 41 * MS
+        turns = Rotation.random(2, rng=rng)
+        places = rng.normal(0, 5, (2, 3))
+        for stamp, turn, place in zip((before, after), turns, places, strict=True):
+            buffer.add(parent, child, stamp, place, turn.as_quat())
+        share = (stamp_ns - before) / (after - before)
+        truth[child] = matrix(Slerp([0, 1], turns)([share])[0], (1 - share) * places[0] + share * places[1])
+    mount, arm = Rotation.random(rng=rng), rng.normal(0, 1, 3)
+    buffer.add_static("/base", "camera", arm.tolist(), mount.as_quat())
+    expected = np.linalg.inv(truth["dock"]) @ truth["odom"] @ truth["base"] @ matrix(mount, arm)
+    pose = buffer.lookup("dock", "/camera", stamp_ns, 50 * MS)
+    assert pose is not None
+    assert (pose.parent, pose.child) == ("dock", "camera")
+    np.testing.assert_allclose(pose.matrix, expected, atol=1e-9)
+    back = buffer.lookup("camera", "dock", stamp_ns, 50 * MS)
+    assert back is not None
+    np.testing.assert_allclose(back.matrix @ pose.matrix, np.eye(4), atol=1e-9)
+
+
+def moving(stamps_ms: list[int]) -> TransformBuffer:
+    buffer = TransformBuffer()
+    for t in stamps_ms:
+        buffer.add("map", "base", t * MS, (t / 1000, 0, 0), UNIT)
+    return buffer
+
+
+def test_never_the_latest_in_place_of_the_right_time() -> None:
+    buffer = moving([100, 150, 400])
+    assert buffer.lookup("map", "base", 99 * MS, 10**12) is None  # before the first
+    assert buffer.lookup("map", "base", 401 * MS, 10**12) is None  # after the last
+    assert buffer.lookup("map", "base", 200 * MS, 100 * MS) is None  # inside too large a gap
+    inside = buffer.lookup("map", "base", 125 * MS, 50 * MS)
+    assert inside is not None
+    assert inside.position_m[0] == pytest.approx(0.125)
+    for t in (100, 150, 400):  # exact hits need no neighbour
+        assert buffer.lookup("map", "base", t * MS, 0) is not None
+
+
+def test_unconnected_frames_have_no_pose() -> None:
+    buffer = moving([0, 100])
+    buffer.add_static("world", "camera", (0, 0, 0), UNIT)
+    assert buffer.lookup("map", "camera", 0, 10**9) is None
+    assert buffer.lookup("map", "nowhere", 0, 10**9) is None
+    assert not buffer.connected("map", "camera")
+    assert buffer.newest_ns("map", "camera") is None
+    assert buffer.frames == {"map", "base", "world", "camera"}
+
+
+def test_a_frame_seen_from_itself_is_identity() -> None:
+    pose = moving([0, 100]).lookup("base", "base", 5, 0)
+    assert pose is not None
+    np.testing.assert_array_equal(pose.matrix, np.eye(4))
+
+
+@pytest.mark.parametrize("quaternion", [(0, 0, 0, 0), (0, 0, 0, np.nan), (1, 1, 1, 1), (0, 0, np.inf, 1)])
+def test_refuses_what_is_no_rotation(quaternion: tuple[float, ...]) -> None:
+    buffer = moving([0])
+    buffer.add("map", "base", 50 * MS, (0, 0, 0), quaternion)
+    buffer.add("map", "base", 60 * MS, (np.nan, 0, 0), UNIT)
+    assert buffer.refused == 2
+    assert buffer.lookup("map", "base", 25 * MS, 10**9) is None
+    with pytest.raises(InputError, match="static transform base <- camera"):
+        buffer.add_static("base", "camera", (0, 0, 0), quaternion)
+
+
+@given(order=st.permutations(list(range(0, 200, 20))))
+def test_the_order_of_arrival_does_not_matter(order: list[int]) -> None:
+    buffer, tidy = moving(order), moving(sorted(order))
+    for t in range(0, 181, 7):
+        ours, theirs = (b.lookup("map", "base", t * MS, 20 * MS) for b in (buffer, tidy))
+        assert ours is not None
+        assert theirs is not None
+        np.testing.assert_array_equal(ours.matrix, theirs.matrix)
+    assert (buffer.late == 0) == (order == sorted(order))
+
+
+def test_the_first_of_two_at_the_same_time_stays() -> None:
+    buffer = moving([0, 100])
+    buffer.add("map", "base", 100 * MS, (9, 9, 9), UNIT)
+    pose = buffer.lookup("map", "base", 100 * MS, 0)
+    assert pose is not None
+    assert pose.position_m[0] == pytest.approx(0.1)
+
+
+def test_forgetting_keeps_what_is_needed() -> None:
+    buffer = moving(list(range(0, 1000, 10)))
+    buffer.forget_before(503 * MS)
+    assert buffer.lookup("map", "base", 503 * MS, 10 * MS) is not None
+    assert buffer.lookup("map", "base", 490 * MS, 10 * MS) is None
+    buffer.forget_before(10**15)
+    assert buffer.newest_ns("map", "base") == 990 * MS
+
+
+def test_newest_is_the_slowest_of_the_way() -> None:
+    buffer = moving([0, 100])
+    buffer.add("odom", "map", 30 * MS, (0, 0, 0), UNIT)
+    buffer.add_static("base", "camera", (0, 0, 0), UNIT)
+    assert buffer.newest_ns("odom", "camera") == 30 * MS
+    assert buffer.newest_ns("base", "camera") == ALWAYS_NS
+
+
+def test_refuses_what_is_no_tree() -> None:
+    buffer = moving([0])
+    with pytest.raises(InputError, match="two parents in tf: 'map' and 'odom'"):
+        buffer.add("odom", "base", 5, (0, 0, 0), UNIT)
+    with pytest.raises(InputError, match="names of two frames"):
+        buffer.add("base", "base", 5, (0, 0, 0), UNIT)
+    buffer.add("base", "map", 0, (0, 0, 0), UNIT)
+    with pytest.raises(InputError, match="circle"):
+        buffer.lookup("map", "base", 0, 0)

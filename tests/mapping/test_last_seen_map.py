@@ -1,0 +1,100 @@
+"""The accumulated map: growth, clearing and the memory of persons."""
+
+import numpy as np
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from swardmap.config import GridConfig
+from swardmap.grid import GridSpec, OccupancyGrid, overlap, update_grid
+from swardmap.labels import MapClass
+from swardmap.mapping.last_seen_map import GridMapper
+
+R = 0.1
+windows = st.lists(
+    st.tuples(
+        st.integers(-300, 300), st.integers(-300, 300), arrays(np.uint8, (5, 6), elements=st.integers(0, 3))
+    ),
+    min_size=1,
+    max_size=6,
+)
+
+
+def seen(classes: object, ix: int = 0, iy: int = 0, stamp_ns: int = 0) -> OccupancyGrid:
+    array = np.asarray(classes, np.uint8)
+    return OccupancyGrid(GridSpec(R, array.shape[1], array.shape[0], (ix * R, iy * R)), array, stamp_ns)
+
+
+@settings(max_examples=60, deadline=None)
+@example([(0, 0, np.full((5, 6), 3, np.uint8)), (0, 0, np.full((5, 6), 2, np.uint8))])
+@given(windows)
+def test_growing_map_equals_the_papers_update_on_one_large_grid(
+    updates: list[tuple[int, int, np.ndarray]],
+) -> None:
+    mapper = GridMapper(GridConfig(resolution_m=R, person_clear_frames=1))
+    large = OccupancyGrid.unknown(GridSpec(R, 700, 700, (-350 * R, -350 * R)))
+    for ix, iy, classes in updates:
+        mapper.integrate(seen(classes, ix, iy))
+        large = update_grid(large, seen(classes, ix, iy))
+    grid = mapper.grid
+    if grid is None:
+        assert not large.classes.any()
+        return
+    here, there = overlap(grid.spec, large.spec)
+    rest = large.classes.copy()
+    mine = grid.classes.copy()
+    np.testing.assert_array_equal(mine[here], large.classes[there])
+    rest[there] = mine[here] = MapClass.UNKNOWN
+    assert not rest.any()
+    assert not mine.any()
+
+
+def test_nothing_seen_makes_no_map() -> None:
+    mapper = GridMapper(GridConfig(resolution_m=R))
+    mapper.integrate(seen(np.zeros((3, 3))))
+    assert mapper.grid is None
+
+
+def test_a_person_needs_more_evidence_to_clear_than_to_mark() -> None:
+    mapper = GridMapper(GridConfig(resolution_m=R, obstacle_clear_frames=1, person_clear_frames=3))
+    mapper.integrate(seen([[MapClass.PERSON, MapClass.OBSTACLE]]))
+
+    def step(left: MapClass, right: MapClass) -> list[int]:
+        mapper.integrate(seen([[left, right]]))
+        assert mapper.grid is not None
+        (ix, iy) = GridSpec(R, 1, 1).offset_in(mapper.grid.spec)
+        return [int(c) for c in mapper.grid.classes[iy, ix : ix + 2]]
+
+    grass, person, obstacle, unknown = MapClass.GRASS, MapClass.PERSON, MapClass.OBSTACLE, MapClass.UNKNOWN
+    assert step(grass, grass) == [person, grass]
+    assert step(unknown, unknown) == [person, grass]  # not seeing a cell says nothing
+    assert step(grass, grass) == [person, grass]
+    assert step(obstacle, grass) == [
+        person,
+        grass,
+    ]  # seen again: the count begins anew, and it stays a person
+    assert step(grass, grass) == step(grass, grass) == [person, grass]
+    assert step(grass, grass) == [grass, grass]
+    assert step(person, obstacle) == [person, obstacle]
+
+
+def test_fixed_extent_leaves_out_what_falls_beside_it() -> None:
+    mapper = GridMapper(GridConfig(resolution_m=R, origin_m=(0.0, 0.0), size_m=(1.0, 0.5)))
+    grid = mapper.grid
+    assert grid is not None
+    assert grid.classes.shape == (5, 10)
+    assert not grid.classes.any()
+    mapper.integrate(seen(np.full((3, 3), MapClass.GRASS), ix=-2, iy=4, stamp_ns=5))
+    grid = mapper.grid
+    assert grid is not None
+    assert (grid.count(MapClass.GRASS), grid.stamp_ns) == (1, 5)
+
+
+def test_the_map_given_out_is_a_copy() -> None:
+    mapper = GridMapper(GridConfig(resolution_m=R))
+    mapper.integrate(seen([[MapClass.OBSTACLE]]))
+    first, second = mapper.grid, mapper.grid
+    assert first is not None
+    assert second is not None
+    first.classes[:] = MapClass.GRASS
+    assert second.count(MapClass.OBSTACLE) == 1
