@@ -16,10 +16,10 @@ from swardmap.io.sources.eden import write_eden
 from swardmap.io.sources.folder import write_folder
 from swardmap.labels import VOID_ID
 from swardmap.synth.analytic import AnalyticSource, lane_poses
-from swardmap.train.augment import Strength, paste, relight, warp
+from swardmap.train.augment import paste, relight, warp
 from swardmap.train.data import draw_batch, load_photos
 from swardmap.train.photos import PARTIAL_CODE, PSEUDO_CODE, image_paths
-from swardmap.train.recipe import DataConfig, load_recipe, recipe_from_dict, recipe_to_dict
+from swardmap.train.recipe import AugmentConfig, DataConfig, load_recipe, recipe_from_dict, recipe_to_dict
 
 MakeRecipe = Callable[..., dict[str, Any]]
 
@@ -117,7 +117,7 @@ def test_image_and_mask_move_together() -> None:
     mask[40:80, 50:110] = 1
     image = np.repeat(mask[..., None] * np.uint8(200), 3, axis=2)
     for _ in range(20):
-        moved, codes = warp(image, mask, (96, 72), Strength(), rng)
+        moved, codes = warp(image, mask, (96, 72), AugmentConfig(), rng)
         inside, outside = moved[codes == 1, 0], moved[codes == 0, 0]
         assert (inside > 100).mean() > 0.97
         assert (outside < 100).mean() > 0.97
@@ -127,7 +127,7 @@ def test_light_changes_colours_and_nothing_else() -> None:
     rng = np.random.default_rng(1)
     image = rng.integers(0, 256, (60, 80, 3), np.uint8)
     for _ in range(60):
-        lit = relight(image, Strength(rare=0.5), rng)
+        lit = relight(image, AugmentConfig(rare=0.5), rng)
         assert lit.shape == image.shape
         assert lit.dtype == np.uint8
 
@@ -265,10 +265,10 @@ def test_views_have_the_networks_stretch_and_the_recipes_zoom() -> None:
     image = np.zeros((120, 160, 3), np.uint8)
     codes = np.zeros((120, 160), np.uint8)
     codes[40:80, 60:100] = 1  # a square in the middle
-    still = Strength(scale=0.0, aspect=0.0, rotation_deg=0.0, zoom=1.5)
+    still = AugmentConfig(scale=0.0, aspect=0.0, rotation_deg=0.0)
     shapes = set()
     for seed in range(12):
-        view = warp(image, codes, (96, 96), still, np.random.default_rng(seed), aspect=1.0)[1] == 1
+        view = warp(image, codes, (96, 96), still, np.random.default_rng(seed), 1.0, 1.5)[1] == 1
         shapes.add((int(view.any(0).sum()), int(view.any(1).sum())))
     size = 40 * 1.5 * 96 / np.sqrt(160 * 120)
     expected = {(size, size), (size * np.sqrt(3 / 4), size * np.sqrt(4 / 3))}  # 4:3 into a square
@@ -291,3 +291,15 @@ def test_a_covered_lens_is_an_obstacle_everywhere(data_root: Path, tiny_recipe: 
     for view in blank[:20]:  # nothing is to be seen: halves differ little, but for a soft gradient
         top, bottom = np.split(view.image.astype(float), 2)
         assert abs(top.mean() - bottom.mean()) < 30
+
+
+def test_one_setting_leaves_out_the_sets_of_some_terms(tiny_recipe: MakeRecipe) -> None:
+    tree = tiny_recipe()
+    tree["data"].append({"name": "streets", "folder": "made", "terms": "non-commercial"})
+    assert len(recipe_from_dict(tree).data) == 3
+    recipe = recipe_from_dict({**tree, "without": "non-commercial"})
+    assert [d.name for d in recipe.data] == ["made", "held"]
+    assert "non-commercial" in recipe.licence
+    assert recipe_from_dict(recipe_to_dict(recipe)) == recipe
+    with pytest.raises(ConfigError, match="have the terms non-commercial; got noncommercial"):
+        recipe_from_dict({**tree, "without": "noncommercial"})

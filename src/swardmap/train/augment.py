@@ -3,45 +3,25 @@
 Every function draws from the generator it is given, so that a sample is a function of its seed.
 """
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from swardmap.labels import VOID_ID
+from swardmap.train.light import harsh_light, saturated
+from swardmap.train.recipe import AugmentConfig
 
 Image = NDArray[np.uint8]
-
-
-@dataclass(frozen=True, slots=True)
-class Strength:
-    """How much is changed; the defaults are those of the shipped network.
-
-    Attributes:
-        scale: log of the largest zoom in or out, about `zoom`.
-        aspect: log of the largest stretch.
-        rotation_deg: standard deviation.
-        light: standard deviation of log gain and log gamma.
-        rare: probability of each of blur, shadow, haze, noise, low resolution, JPEG.
-        zoom: mean zoom; 1 = the view has the area of the image, 2 = of a quarter of it.
-    """
-
-    scale: float = 0.5
-    aspect: float = 0.3
-    rotation_deg: float = 4.0
-    light: float = 0.25
-    rare: float = 0.15
-    zoom: float = 1.0
 
 
 def warp(
     image: Image,
     codes: Image,
     size: tuple[int, int],
-    strength: Strength,
+    config: AugmentConfig,
     rng: np.random.Generator,
     aspect: float | None = None,
+    mean_zoom: float = 1.0,
 ) -> tuple[Image, Image]:
     """Random view of the image: flip, zoom, stretch, turn, shift. What lies outside is void.
 
@@ -49,21 +29,22 @@ def warp(
         image: (H, W, 3) uint8.
         codes: (H, W) or (H, W, n) uint8.
         size: (width, height) of the view. Unchanged, the image would have the view's area.
-        strength: how much.
+        config: how much.
         rng: source of chance.
         aspect: width to height of the network's input, to which images will be stretched; None = the view's.
+        mean_zoom: 1 = the view has the area of the image, 2 = of a quarter of it.
 
     Returns:
         The view of both, uint8.
     """
     height, width = image.shape[:2]
-    zoom = strength.zoom * np.sqrt(size[0] * size[1] / (width * height))
-    zoom *= np.exp(rng.uniform(-0.8, 1.0) * strength.scale)
-    stretch = np.exp(rng.uniform(-1, 1) * strength.aspect / 2)
+    zoom = mean_zoom * np.sqrt(size[0] * size[1] / (width * height))
+    zoom *= np.exp(rng.uniform(-0.8, 1.0) * config.scale)
+    stretch = np.exp(rng.uniform(-1, 1) * config.aspect / 2)
     if rng.random() < 0.7:  # as the network will see it; otherwise as people do
         stretch *= np.sqrt((aspect or size[0] / size[1]) * height / width)
     scale = np.array([zoom * stretch, zoom / stretch])
-    angle = np.deg2rad(rng.normal(0, strength.rotation_deg))
+    angle = np.deg2rad(rng.normal(0, config.rotation_deg))
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     matrix = turn * scale
     if rng.random() < 0.5:
@@ -85,21 +66,29 @@ def warp(
     return np.asarray(moved, np.uint8), np.asarray(moved_codes, np.uint8)
 
 
-def relight(image: Image, strength: Strength, rng: np.random.Generator) -> Image:
-    """Another light: exposure, gamma, colour of the light, contrast, saturation; then the rare things."""
-    levels = np.linspace(0, 1, 256)
-    gamma = np.exp(rng.normal(0, strength.light))
-    contrast = np.exp(rng.normal(0, 0.6 * strength.light))
-    gain = np.exp(rng.normal(0, strength.light) + rng.normal(0, 0.3 * strength.light, 3))
-    tables = 0.5 + (levels[:, None] ** gamma * gain - 0.5) * contrast
-    image = cv2.LUT(image, np.clip(tables * 255, 0, 255).astype(np.uint8)[None])
-    saturation = rng.uniform(0.5, 1.4)
-    grey = cv2.cvtColor(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), cv2.COLOR_GRAY2RGB)
-    image = cv2.addWeighted(image, saturation, grey, 1 - saturation, 0)
-    for change in (shadow, haze, blur, low_resolution, noise, jpeg):
-        if rng.random() < strength.rare:
+def relight(image: Image, config: AugmentConfig, rng: np.random.Generator) -> Image:
+    """Another light, mild or harsh; then the rare things."""
+    if config.harsh and rng.random() < config.harsh:
+        image = harsh_light(image, config, rng)
+        shaded = True  # in its own way
+    else:
+        image = mild_light(image, config.light, rng)
+        shaded = False
+    for change in (shadow, haze, blur, low_resolution, noise, jpeg)[shaded:]:
+        if rng.random() < config.rare:
             image = change(image, rng)
     return image
+
+
+def mild_light(image: Image, deviation: float, rng: np.random.Generator) -> Image:
+    """Exposure, gamma, colour of the light, contrast, saturation, as they differ between good photos."""
+    levels = np.linspace(0, 1, 256)
+    gamma = np.exp(rng.normal(0, deviation))
+    contrast = np.exp(rng.normal(0, 0.6 * deviation))
+    gain = np.exp(rng.normal(0, deviation) + rng.normal(0, 0.3 * deviation, 3))
+    tables = 0.5 + (levels[:, None] ** gamma * gain - 0.5) * contrast
+    image = cv2.LUT(image, np.clip(tables * 255, 0, 255).astype(np.uint8)[None])
+    return saturated(image, rng.uniform(0.5, 1.4))
 
 
 def shadow(image: Image, rng: np.random.Generator) -> Image:

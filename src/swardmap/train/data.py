@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from swardmap.errors import InputError
 from swardmap.labels import VOID_ID, Role
-from swardmap.train.augment import Strength, covered, paste, relight, warp
+from swardmap.train.augment import covered, paste, relight, warp
 from swardmap.train.photos import PARTIAL_CODE, PSEUDO_CODE, Photo, read_photos
 from swardmap.train.recipe import DataConfig, NetworkConfig, Recipe
 
@@ -103,19 +103,17 @@ def draw_batch(sets: Sequence[PhotoSet], recipe: Recipe, indices: Sequence[int],
 def _draw(sets: Sequence[PhotoSet], recipe: Recipe, rng: np.random.Generator) -> Photo:
     crop = recipe.schedule.crop
     size = (crop, crop) if crop else (recipe.network.width, recipe.network.height)
-    strength = Strength(zoom=recipe.schedule.zoom)
-    aspect = recipe.network.width / recipe.network.height
     if recipe.schedule.covered and rng.random() < recipe.schedule.covered:
         return _nothing_seen(size, recipe.network, rng)
     photo = _pick(sets, rng)
-    view = _view(photo, size, strength, rng, aspect)
+    view = _view(photo, size, recipe, rng)
     person = person_code(recipe.network)
     if person is not None and rng.random() < recipe.schedule.paste_person:
-        donor = _view(_pick_person(sets, person, rng), size, strength, rng, aspect)
+        donor = _view(_pick_person(sets, person, rng), size, recipe, rng)
         image, codes = paste(view.image, view.codes, donor.image, donor.codes, person)
         fine = np.where(codes == view.codes, view.fine, VOID_ID).astype(np.uint8)
         view = Photo(image, codes, fine, view.stem)
-    return Photo(relight(view.image, strength, rng), view.codes, view.fine, view.stem)
+    return Photo(relight(view.image, recipe.augment, rng), view.codes, view.fine, view.stem)
 
 
 def _nothing_seen(size: tuple[int, int], network: NetworkConfig, rng: np.random.Generator) -> Photo:
@@ -126,11 +124,10 @@ def _nothing_seen(size: tuple[int, int], network: NetworkConfig, rng: np.random.
     return Photo(covered(size, rng), codes, np.full_like(codes, VOID_ID), "covered")
 
 
-def _view(
-    photo: Photo, size: tuple[int, int], strength: Strength, rng: np.random.Generator, aspect: float
-) -> Photo:
+def _view(photo: Photo, size: tuple[int, int], recipe: Recipe, rng: np.random.Generator) -> Photo:
     masks = np.dstack([photo.codes, photo.fine])
-    image, masks = warp(photo.image, masks, size, strength, rng, aspect)
+    aspect = recipe.network.width / recipe.network.height
+    image, masks = warp(photo.image, masks, size, recipe.augment, rng, aspect, recipe.schedule.zoom)
     codes, fine = (np.ascontiguousarray(masks[..., i]) for i in range(2))
     return Photo(image, codes, fine, photo.stem)
 

@@ -90,6 +90,31 @@ class ScheduleConfig(Checked):
 
 
 @dataclass(frozen=True)
+class AugmentConfig(Checked):
+    """How each view is changed before it is learnt from; the defaults are those of version 0.1.0."""
+
+    scale: float = setting(0.5, "log of the largest zoom in or out, about `schedule.zoom`", minimum=0)
+    aspect: float = setting(0.3, "log of the largest stretch", minimum=0)
+    rotation_deg: float = setting(4.0, "standard deviation", minimum=0)
+    light: float = setting(0.25, "standard deviation of log gain and log gamma", minimum=0)
+    rare: float = setting(
+        0.15, "probability of each of blur, shadow, haze, noise, low resolution, JPEG", minimum=0, maximum=1
+    )
+    harsh: float = setting(
+        0.0, "share of views in harsh light, by the settings below, in place of `light`", minimum=0, maximum=1
+    )
+    exposure: float = setting(
+        0.6, "standard deviation of log gain of linear light; darker more often", minimum=0
+    )
+    gamma: float = setting(0.25, "standard deviation of log gamma", minimum=0)
+    cast: float = setting(0.25, "standard deviation of the log of red and of blue against green", minimum=0)
+    saturation_low: float = setting(0.1, "least saturation", minimum=0)
+    saturation_high: float = setting(1.4, "most saturation", minimum=0)
+    vignette: float = setting(0.8, "largest share of light lost in the corners", minimum=0, maximum=1)
+    shade: float = setting(0.5, "share of these views with hard or dappled shade", minimum=0, maximum=1)
+
+
+@dataclass(frozen=True)
 class DataConfig(Checked):
     """One data set: a folder of images and masks, or a recording with true labels (folder, EDEN)."""
 
@@ -119,6 +144,9 @@ class DataConfig(Checked):
     person_boost: float = setting(1.0, "how much more often an image with a person is drawn", minimum=0)
     validation: bool = setting(False, "measured on, not learnt from")
     every: int = setting(1, "use every n-th image", minimum=1)
+    terms: str = setting(
+        "", "terms of its licence, such as non-commercial; the recipe's `without` leaves sets out by them"
+    )
     hold_out: int = setting(
         0,
         "every n-th image (of gardens: scene) is for validation alone; give both sets the same n; 0 = none",
@@ -149,6 +177,7 @@ class Recipe:
     name: str
     network: NetworkConfig = field(default_factory=NetworkConfig)
     schedule: ScheduleConfig = field(default_factory=ScheduleConfig)
+    augment: AugmentConfig = field(default_factory=AugmentConfig)
     data: tuple[DataConfig, ...] = ()
     teachers: tuple[TeacherConfig, ...] = ()
     licence: str = ""
@@ -171,6 +200,9 @@ class Recipe:
         """
         parts = (self.network, self.schedule, *self.data, *self.teachers)
         said = [self.name, self.licence, self.start, len(self.data), *map(_changed, parts)]
+        said += _changed(
+            self.augment
+        )  # nothing where all is at its default, as before there was such a section
         return hashlib.sha256(repr(said).encode()).hexdigest()[:12]
 
 
@@ -202,27 +234,44 @@ def load_recipe(path: Path, overrides: Iterable[str] = ()) -> Recipe:
 def recipe_from_dict(tree: Any, where: str = "recipe") -> Recipe:
     """Build a recipe from plain dicts, as `recipe_to_dict` gives them.
 
+    The key `without` leaves out the data sets of some terms, such as `non-commercial`.
+
     Raises:
         ConfigError: as `load_recipe`.
     """
     if not isinstance(tree, dict) or "name" not in tree:
         raise ConfigError(f"{where}: expected keys with at least 'name', got {type(tree).__name__}")
-    unknown = set(tree) - {f.name for f in fields(Recipe)}
+    unknown = set(tree) - {f.name for f in fields(Recipe)} - {"without"}
     if unknown:
         raise ConfigError(f"{where}: unknown keys {', '.join(sorted(unknown))}")
     lists = {key: tree.get(key) or [] for key in ("data", "teachers")}
     for key, value in lists.items():
         if not isinstance(value, (list, tuple)):
             raise ConfigError(f"{where}: expected a list under '{key}', got {type(value).__name__}")
+    data = tuple(build(DataConfig, d, f"data[{i}].") for i, d in enumerate(lists["data"]))
+    licence, without = str(tree.get("licence", "")), str(tree.get("without") or "")
+    if without:
+        data = _without(data, without, where)
+        licence = f"{licence} Trained without the sets whose terms are: {without}.".strip()
     return Recipe(
         name=str(tree["name"]),
         network=build(NetworkConfig, tree.get("network") or {}, "network."),
         schedule=build(ScheduleConfig, tree.get("schedule") or {}, "schedule."),
-        data=tuple(build(DataConfig, d, f"data[{i}].") for i, d in enumerate(lists["data"])),
+        augment=build(AugmentConfig, tree.get("augment") or {}, "augment."),
+        data=data,
         teachers=tuple(build(TeacherConfig, t, f"teachers[{i}].") for i, t in enumerate(lists["teachers"])),
-        licence=str(tree.get("licence", "")),
+        licence=licence,
         start=str(tree.get("start") or ""),
     )
+
+
+def _without(data: tuple[DataConfig, ...], without: str, where: str) -> tuple[DataConfig, ...]:
+    """The data sets whose terms are none of these, which are given with commas."""
+    unwanted, known = {term.strip() for term in without.split(",")}, {d.terms for d in data if d.terms}
+    if not unwanted <= known:
+        strange, names = ", ".join(sorted(unwanted - known)), ", ".join(sorted(known)) or "none"
+        raise ConfigError(f"{where}: without: its data sets have the terms {names}; got {strange}")
+    return tuple(d for d in data if d.terms not in unwanted)
 
 
 def recipe_to_dict(recipe: Recipe) -> dict[str, Any]:

@@ -1,0 +1,173 @@
+"""Score network files side by side on every photo set that has labels and is not learnt from: one table.
+
+    python benchmarks/score_networks.py old.onnx auto --data ~/photos
+    python benchmarks/score_networks.py auto --data ~/photos --only dev,igvc --bias -0.8,-0.4,0
+
+The data root is that of the recipes (tools/training_root.py makes it). Per set and network: accuracy, IoU of
+grass, share of obstacle pixels called grass, IoU of persons, in percent. What is missing under the root is
+named and left out. `--by-robot` splits dev by its cameras and shows whether P(not grass) means what it says.
+"""
+
+import argparse
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swardmap.errors import InputError
+from swardmap.labels import VOID_ID
+from swardmap.models import bundled_network
+from swardmap.models.onnx import OnnxSegmenter, decide, preprocess
+from swardmap.train.data import load_photos
+from swardmap.train.photos import Photo
+from swardmap.train.recipe import recipe_from_dict
+from swardmap.train.score import Score
+from swardmap.types import Segmentation
+
+FOREST = "ensta_1 ensta_10 ensta_11 ensta_12 ensta_ob3"
+PATHS = "ensta_3 ensta_7 ensta_15 ensta_ob16"  # no grass is labelled there
+CAMPUS = "ensta_2 ensta_6 ensta_8 ensta_14 ensta_ob7"
+COLUMNS = ("accuracy", "grass_iou", "obstacle_called_grass", "person_iou")
+
+
+@dataclass(frozen=True)
+class EvaluationSet:
+    """Labelled photos that are never learnt from.
+
+    Attributes:
+        name: in the table.
+        entry: as in a recipe's `data`.
+        stems: the photos it is limited to; empty = all.
+    """
+
+    name: str
+    entry: dict[str, Any]
+    stems: frozenset[str] = field(default_factory=frozenset)
+
+
+DEV = {"folder": "robot_lawns", "list": "dev.txt"}
+HELD = {"folder": "msrc_v2", "list": "train.txt", "hold_out": 9, "validation": True}
+SETS = (
+    EvaluationSet("dev: all robots", DEV),
+    EvaluationSet("dev: campus, shade", DEV, frozenset(f"{CAMPUS} {PATHS}".split())),
+    EvaluationSet("dev: forest and paths", DEV, frozenset(f"{FOREST} {PATHS}".split())),
+    EvaluationSet("igvc_lawn, held out by time", {"folder": "igvc_lawn", "list": "held.txt"}),
+    EvaluationSet("MSRC, 46 held out", HELD),
+    EvaluationSet("MSRC, val.txt", {"folder": "msrc_v2", "list": "val.txt"}),
+    EvaluationSet("gardens/dev", {"folder": "gardens/dev", "kind": "recording"}),
+    EvaluationSet("gardens/test", {"folder": "gardens/test", "kind": "recording"}),
+)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("networks", nargs="+", help=".onnx files, or auto (the one in the package)")
+    parser.add_argument("--data", type=Path, required=True)
+    parser.add_argument("--only", default="", help="sets whose name has one of these in it, with commas")
+    parser.add_argument(
+        "--bias", default="0", help="also with these added to the logit of grass, with commas"
+    )
+    parser.add_argument(
+        "--by-robot", action="store_true", help="reliability of P(not grass) by camera, on dev"
+    )
+    arguments = parser.parse_args()
+    paths = [bundled_network() if n == "auto" else Path(n) for n in arguments.networks]
+    if None in paths:
+        raise SystemExit("this package holds no network")
+    segmenters = [OnnxSegmenter(path) for path in paths if path is not None]
+    biases = [float(b) for b in arguments.bias.split(",")]
+    if arguments.by_robot:
+        for name, segmenter in zip(arguments.networks, segmenters, strict=True):
+            show_reliability(name, segmenter, read_set(SETS[0], arguments.data))
+        return
+    print(f"set | photos | network | bias | {' | '.join(COLUMNS)}")
+    for evaluation in SETS:
+        if not any(part in evaluation.name for part in arguments.only.split(",")):
+            continue
+        try:
+            photos = read_set(evaluation, arguments.data)
+        except InputError as error:
+            print(f"{evaluation.name}: left out, {error}")
+            continue
+        for name, segmenter in zip(arguments.networks, segmenters, strict=True):
+            for bias, score in zip(biases, scores(segmenter, photos, biases), strict=True):
+                figures = (score.figures()[key] for key in COLUMNS)
+                shown = " | ".join("-" if v is None else f"{100 * v:.1f}" for v in figures)
+                print(
+                    f"{evaluation.name} | {len(photos)} | {Path(name).stem} | {bias:g} | {shown}", flush=True
+                )
+
+
+def read_set(evaluation: EvaluationSet, root: Path) -> list[Photo]:
+    """Its photos at their own size, however they are held out."""
+    entry = {"name": evaluation.name, "validation": True, **evaluation.entry}
+    learnt = {**entry, "validation": False}  # a recipe must have something to learn from; it is not read
+    recipe = recipe_from_dict({"name": "score", "data": [learnt, entry]})
+    photos = load_photos(recipe, root, validation=True)[0].photos
+    return [p for p in photos if not evaluation.stems or p.stem in evaluation.stems]
+
+
+def scores(segmenter: OnnxSegmenter, photos: Sequence[Photo], biases: Sequence[float]) -> list[Score]:
+    """One score for each bias."""
+    spec = segmenter.spec
+    found = [Score.empty(spec.channel_ids, spec.label_set) for _ in biases]
+    for photo, logits in each_logits(segmenter, photos):
+        for index, bias in enumerate(biases):
+            shifted = logits.copy()
+            shifted[:, spec.channel_ids.index(1)] += np.float32(bias)
+            mask = Segmentation(decide(shifted, spec)[0], spec.label_set)
+            found[index] = found[index].plus(photo.codes, mask.resized_to(*photo.codes.shape).labels)
+    return found
+
+
+def each_logits(
+    segmenter: OnnxSegmenter, photos: Sequence[Photo]
+) -> Iterator[tuple[Photo, NDArray[np.float32]]]:
+    """Every photo with the network's logits (1, C, h, w)."""
+    spec = segmenter.spec
+    buffer = np.zeros((1, 3, spec.height, spec.width), np.float32)
+    session = segmenter._session
+    for photo in photos:
+        preprocess(photo.image, spec, buffer)
+        yield photo, session.run(None, {segmenter._input: buffer})[0]
+
+
+def show_reliability(name: str, segmenter: OnnxSegmenter, photos: Sequence[Photo]) -> None:
+    """Of the pixels with a P(not grass) in each range: the mean of it, and the share that is no grass."""
+    robots = sorted({p.stem.rstrip("0123456789").split("_")[0] for p in photos})
+    edges = np.array([0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 1.001])
+    for robot in (*robots, ""):
+        sums = np.zeros((len(edges) - 1, 3))
+        for photo, logits in each_logits(segmenter, [p for p in photos if p.stem.startswith(robot)]):
+            probability, truth = _not_grass(logits, segmenter, photo)
+            index = np.digitize(probability, edges) - 1
+            columns = (None, probability, truth.astype(np.float64))
+            sums += np.stack([np.bincount(index, weights=w, minlength=len(sums)) for w in columns], 1)
+        cells = (
+            f"{low:.1f}-{min(high, 1.0):.1f}: " + (f"{p / n:.2f} {t / n:.2f}" if n else "-")
+            for low, high, (n, p, t) in zip(edges, edges[1:], sums, strict=False)
+        )
+        error = np.abs(sums[:, 1] - sums[:, 2]).sum() / sums[:, 0].sum()
+        print(f"{Path(name).stem} | {robot or 'all'} | error {error:.3f} | {' | '.join(cells)}")
+
+
+def _not_grass(
+    logits: NDArray[np.float32], segmenter: OnnxSegmenter, photo: Photo
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    spec = segmenter.spec
+    scaled = logits[0] / spec.temperature
+    exponents = np.exp(scaled - scaled.max(0))
+    grass = spec.channel_ids.index(1)
+    probability = (1 - exponents[grass] / exponents.sum(0)).astype(np.float32)
+    index = replace(Segmentation(np.zeros(probability.shape, np.uint8), spec.label_set, probability))
+    resized = index.resized_to(*photo.codes.shape).confidence
+    assert resized is not None
+    known = photo.codes != VOID_ID
+    return resized[known].astype(np.float64), photo.codes[known] != 1
+
+
+if __name__ == "__main__":
+    main()
