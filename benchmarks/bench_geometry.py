@@ -24,11 +24,11 @@ from swardmap.config import Config, GeometryConfig, SegmenterConfig
 from swardmap.eval.dmin import find_misses
 from swardmap.eval.maps import dense, frame_map, spec_of, true_segmentation
 from swardmap.geometry import Pose
-from swardmap.grid import OccupancyGrid
+from swardmap.grid import OccupancyGrid, classify_cells
 from swardmap.io import open_source
 from swardmap.labels import GRASS, GRASS_OBSTACLE_PERSON, OTHER, PERSON, MapClass
 from swardmap.models import build_segmenter
-from swardmap.perception.frame_grid import fused_grid
+from swardmap.perception.counting import count_compiled
 from swardmap.perception.geometric_obstacles import observe_ground
 from swardmap.synth.analytic import (
     VGA,
@@ -264,13 +264,13 @@ def measure(views: Iterable[Shown], config: Config = CONFIG) -> dict[str, Tally]
         assert pose is not None
         spec = spec_of(noisy, pose, config)
         limits, heights = dense(config).cloud, view.above_lawn
-        reference, _ = fused_grid(exact, true_segmentation(exact), pose, spec, limits, 1, 1, heights)
-        truth = reference.classes
+        points, _ = count_compiled(exact, true_segmentation(exact), pose, spec, limits, heights)
+        truth = classify_cells(points, 1)
         semantic = frame_map(noisy, mask, pose, off, spec)
         both = frame_map(noisy, mask, pose, config, spec)
         marks = observe_ground(noisy, pose, spec, config.cloud, config.geometry, config.grid.min_points)
         # alone it clears nothing; to compare, what was seen and not marked is taken for grass here
-        alone = np.maximum(marks.grid.classes, (both.classes > 0).astype(np.uint8))
+        alone = np.maximum(2 * marks.marks.astype(np.uint8), (both.classes > 0).astype(np.uint8))
         for name, classes in (("semantics", semantic.classes), ("geometry", alone), ("both", both.classes)):
             found[name].add(truth, classes, spec.resolution_m)
             missed = (truth >= MapClass.OBSTACLE) & (classes == MapClass.GRASS)
@@ -327,7 +327,7 @@ def rendered(folder: Path) -> Iterator[tuple[str, Iterator[Shown]]]:
 def speed(poses: list[Pose], rounds: int) -> None:
     """Median milliseconds a VGA frame, in turn."""
     frames_of = [(view.noisy, view.mask) for view in frames(Case("garden", garden_scene(0)), poses)]
-    staged = replace(CONFIG, road="staged")
+    staged = replace(CONFIG, backend="plain")
     off = replace(CONFIG, geometry=GeometryConfig())
 
     def geometry(config: Config) -> Callable[[Frame, Segmentation], object]:
@@ -335,7 +335,7 @@ def speed(poses: list[Pose], rounds: int) -> None:
             assert frame.T_map_camera is not None
             spec = spec_of(frame, frame.T_map_camera, config)
             return observe_ground(frame, frame.T_map_camera, spec, config.cloud, config.geometry,
-                                  config.grid.min_points, config.road == "fused")  # fmt: skip
+                                  config.grid.min_points, config.backend == "compiled")  # fmt: skip
 
         return run
 

@@ -23,10 +23,10 @@ from numpy.typing import NDArray
 
 from swardmap.config import Config, config_from_dict
 from swardmap.geometry import Intrinsics, Pose, mount_pose
-from swardmap.grid import GridSpec, OccupancyGrid, Sighting, overlap
+from swardmap.grid import GridSpec, OccupancyGrid, overlap
 from swardmap.io.maps.log_odds_files import read_living_map, write_living
 from swardmap.labels import GRASS_OBSTACLE_PERSON
-from swardmap.mapping.log_odds_map import LivingMap
+from swardmap.mapping.log_odds_map import LogOddsMap
 from swardmap.mapping.sensor_model import Cells, Viewpoint, cells_passed, parameters, update_cells
 from swardmap.pipeline import ObstacleMapper
 from swardmap.synth.analytic import Box, Cylinder, Scene, sphere, true_map
@@ -148,9 +148,7 @@ class AtOnce:
         corner = np.asarray(self.spec.origin_m) + low * r
         window = GridSpec(r, counts.shape[1], counts.shape[0], (float(corner[0]), float(corner[1])))
         x, y, height = pose.position_m.tolist()
-        view = Viewpoint.of(
-            Sighting(counts, (x, y, height)), window, self._config.evidence, cloud.min_height_m
-        )
+        view = Viewpoint.of((x, y, height), window, self._config.evidence, cloud.min_height_m)
         grid = self._config.grid
         passed = cells_passed(counts, view, grid.min_points, grid.min_grass_points)
         block = self.cells[slice(low[1], high[1]), slice(low[0], high[0])]
@@ -207,13 +205,13 @@ def mow(minutes: float, every_min: float, folder: Path) -> Hour:
         window.step(frame)
         at_once.add(frame)
         if i % every == 0 or i == count:
-            assert whole.living is not None
-            assert window.living is not None
-            sizes = whole.living.nbytes / 1e6, window.living.nbytes / 1e6
+            assert whole.log_odds is not None
+            assert window.log_odds is not None
+            sizes = whole.log_odds.nbytes / 1e6, window.log_odds.nbytes / 1e6
             hour.samples.append(Sample(i / 60 / RATE_HZ, rss_mb(), *sizes))
             hour.beside = max(hour.beside, _beside(window.map, whole.map))
     _compare(hour, whole.map, at_once, scene)
-    assert whole.living is not None
+    assert whole.log_odds is not None
     _save(hour, whole, folder / "living.npz", frames)
     return hour
 
@@ -241,20 +239,20 @@ def _compare(hour: Hour, grid: OccupancyGrid | None, at_once: AtOnce, scene: Sce
 
 
 def _save(hour: Hour, mapper: ObstacleMapper, path: Path, frames: Iterator[Frame]) -> None:
-    living = mapper.living
+    living = mapper.log_odds
     assert living is not None
     write_living(living, path)
     hour.file_mb = path.stat().st_size / 1e6
     loaded = read_living_map(path, CONFIG)
     hour.saved_equal = same(living, loaded)
-    goes_on = ObstacleMapper(Truth(), CONFIG, living=loaded)
+    goes_on = ObstacleMapper(Truth(), CONFIG, log_odds=loaded)
     for frame in islice(frames, round(60 * RATE_HZ)):
         mapper.step(frame)
         goes_on.step(frame)
     hour.goes_on_equal = same(living, loaded)
 
 
-def same(one: LivingMap, two: LivingMap) -> bool:
+def same(one: LogOddsMap, two: LogOddsMap) -> bool:
     """Whether two maps hold the same evidence in the same cells."""
     if set(one.tiles) != set(two.tiles) or one.corner_cell != two.corner_cell:
         return False

@@ -25,9 +25,9 @@ from numpy.typing import NDArray
 from swardmap.config import CloudConfig, Config
 from swardmap.grid import GridSpec
 from swardmap.labels import GRASS_OBSTACLE_PERSON
-from swardmap.mapping.last_seen_map import GridMapper
-from swardmap.perception.frame_grid import fused_grid, staged_grid
-from swardmap.pipeline import ObstacleMapper, view_spec
+from swardmap.mapping.last_seen_map import LastSeenMap
+from swardmap.perception.counting import count_compiled, count_plain
+from swardmap.pipeline import ObstacleMapper, observe, view_spec
 from swardmap.synth.analytic import AnalyticSource, garden_scene, lane_poses
 from swardmap.synth.analytic_noise import StereoNoise
 from swardmap.types import Frame, Segmentation, nearest_indices
@@ -60,17 +60,17 @@ def spec_of(frame: Frame) -> GridSpec:
 
 def fused(frame: Frame, mask: Segmentation) -> object:
     assert frame.T_map_camera is not None
-    return fused_grid(frame, mask, frame.T_map_camera, spec_of(frame), CLOUD, MIN_POINTS)
+    return count_compiled(frame, mask, frame.T_map_camera, spec_of(frame), CLOUD)
 
 
 def fused_without_filter(frame: Frame, mask: Segmentation) -> object:
     assert frame.T_map_camera is not None
-    return fused_grid(frame, mask, frame.T_map_camera, spec_of(frame), UNFILTERED, MIN_POINTS)
+    return count_compiled(frame, mask, frame.T_map_camera, spec_of(frame), UNFILTERED)
 
 
 def staged(frame: Frame, mask: Segmentation) -> object:
     assert frame.T_map_camera is not None
-    return staged_grid(frame, mask, frame.T_map_camera, spec_of(frame), CLOUD, MIN_POINTS)
+    return count_plain(frame, mask, frame.T_map_camera, spec_of(frame), CLOUD)
 
 
 def plain_numpy(frame: Frame, mask: Segmentation) -> NDArray[np.uint8]:
@@ -153,14 +153,13 @@ def files_to_map(pairs: list[tuple[Frame, Segmentation]]) -> float:
     encoded = [
         (cv2.imencode(".png", f.depth)[1], cv2.imencode(".jpg", f.rgb[..., ::-1])[1], f, m) for f, m in pairs
     ]
-    mapper = GridMapper(Config().grid)
+    mapper = LastSeenMap(Config().grid)
     started = time.perf_counter()
     for depth, color, frame, mask in encoded:
         images: list[Any] = [cv2.imdecode(depth, cv2.IMREAD_UNCHANGED), cv2.imdecode(color, cv2.IMREAD_COLOR)]
         read = replace(frame, depth=images[0], rgb=cv2.cvtColor(images[1], cv2.COLOR_BGR2RGB))
         assert read.T_map_camera is not None
-        seen, _ = fused_grid(read, mask, read.T_map_camera, spec_of(read), CLOUD, MIN_POINTS)
-        mapper.integrate(seen)
+        mapper.integrate(observe(read, mask, read.T_map_camera, spec_of(read), Config()))
     return len(encoded) / (time.perf_counter() - started)
 
 

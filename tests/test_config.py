@@ -14,7 +14,7 @@ from swardmap.errors import ConfigError
 def test_printed_settings_read_back() -> None:
     for config in (
         Config(),
-        Config(grid=GridConfig(origin_m=(1.5, -2.0), size_m=(10.0, 5.0)), road="staged"),
+        Config(grid=GridConfig(origin_m=(1.5, -2.0), size_m=(10.0, 5.0)), backend="plain"),
     ):
         assert config_from_dict(yaml.safe_load(config_to_yaml(config))) == config
         assert config_from_dict(yaml.safe_load(config_to_yaml(config, comments=False))) == config
@@ -46,7 +46,7 @@ def test_precedence(tmp_path: Path) -> None:
     [("grid.resolutoin_m=1", "did you mean 'resolution_m'"), ("gird.min_points=1", "did you mean 'grid'"),
      ("grid.resolution_m=-1", "at least 0.001"), ("grid.resolution_m=fine", "expected float"),
      ("grid.min_points=1.5", "expected int"), ("grid.min_points=true", "expected int"),
-     ("grid.resolution_m=.nan", "expected float"), ("road=motorway", "one of fused, staged"),
+     ("grid.resolution_m=.nan", "expected float"), ("backend=motorway", "one of compiled, plain"),
      ("grid=3", "expected keys"), ("grid.origin_m=[1]", "list of 2"), ("grid.origin_m=[1, 2]", "together"),
      ("cloud.min_range_m=9", "min_range_m below max_range_m"), ("nonsense", "section.key=value"),
      ("source.level=1", "expected bool")],
@@ -79,3 +79,10 @@ def test_no_text_breaks_the_loader(text: str) -> None:
     except ConfigError:
         return
     assert "=" in text
+
+
+def test_settings_of_earlier_versions_have_the_names_of_today() -> None:
+    old = config_from_dict({"road": "staged", "grid": {"mode": "evidence"}})
+    assert (old.backend, old.grid.mode) == ("plain", "log_odds")
+    assert config_from_dict({"grid": {"mode": "paper"}}) == Config()
+    assert load_config(overrides=["road=fused"]).backend == "compiled"

@@ -62,8 +62,8 @@ def test_every_obstacle_cell_lies_within_one_cell_of_a_true_one() -> None:
 def test_both_roads_map_a_sequence_alike() -> None:
     frames = list(source(3))
     maps = []
-    for road in ("fused", "staged"):
-        mapper = ObstacleMapper(Truth(), config_from_dict({"road": road}))
+    for backend in ("compiled", "plain"):
+        mapper = ObstacleMapper(Truth(), config_from_dict({"backend": backend}))
         for _ in mapper.run(frames):
             pass
         maps.append(mapper.map)

@@ -86,6 +86,10 @@ class Pose:
         matrix[:3, 3] = -rotation.T @ translation
         return Pose(self.child, self.parent, matrix)
 
+    def of_child(self, child: str) -> "Pose":
+        """The same pose of a frame that is named otherwise, such as the optical frame in a bag."""
+        return Pose(self.parent, child, self.matrix)
+
     def apply(self, xyz: ArrayLike) -> Float64Array:
         """Points of the child frame, expressed in the parent frame.
 

@@ -153,19 +153,6 @@ class GridSpec:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sighting:
-    """What one frame's grid was made of: points, and where they were seen from.
-
-    Attributes:
-        points: (height, width, 4) uint32 points by MapClass.
-        viewpoint_m: (x, y, z) of the camera in the grid's frame.
-    """
-
-    points: NDArray[np.uint32]
-    viewpoint_m: tuple[float, float, float]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class OccupancyGrid:
     """What is known of each cell.
 
@@ -173,13 +160,11 @@ class OccupancyGrid:
         spec: where the grid lies.
         classes: (height, width) uint8 MapClass: unknown, grass, obstacle, person.
         stamp_ns: time of the last measurement in it.
-        sighting: what it was made of, if it is of one frame; the living map asks for it.
     """
 
     spec: GridSpec
     classes: NDArray[np.uint8]
     stamp_ns: int = 0
-    sighting: Sighting | None = None
 
     def __post_init__(self) -> None:
         if self.classes.shape != self.spec.shape or self.classes.dtype != np.uint8:

@@ -1,24 +1,60 @@
 """One frame, end to end: the paper's Sec. 3.3-3.5 in the paper's order."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from time import perf_counter
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swardmap.config import Config, MountConfig
-from swardmap.errors import InputError, InvalidValueError
+from swardmap.errors import ConfigError, InputError, InvalidValueError
 from swardmap.geometry import Intrinsics, Pose, mount_pose
-from swardmap.grid import GridSpec, OccupancyGrid
+from swardmap.grid import GridSpec, OccupancyGrid, classify_cells
 from swardmap.mapping.costmap import Costmap, build_costmap
-from swardmap.mapping.last_seen_map import GridMapper, fixed_spec
-from swardmap.mapping.log_odds_map import LivingMap
+from swardmap.mapping.last_seen_map import LastSeenMap, fixed_spec
+from swardmap.mapping.log_odds_map import LogOddsMap
 from swardmap.mapping.work_area import WorkArea
-from swardmap.perception.frame_grid import PixelCounts, filtered_cloud, fused_grid, staged_grid, within_height
-from swardmap.perception.geometric_obstacles import GroundEvidence, see_ground, with_ground
+from swardmap.perception.cloud import filtered_cloud, within_height
+from swardmap.perception.counting import count_compiled, count_plain
+from swardmap.perception.geometric_obstacles import marks_alone, observe_ground, with_marks
+from swardmap.perception.observation import Observation, PixelCounts
 from swardmap.segmenter import Segmenter
 from swardmap.types import Frame, LabeledCloud, Segmentation
+
+
+def observe(
+    frame: Frame, segmentation: Segmentation, T_map_camera: Pose, spec: GridSpec, config: Config
+) -> Observation:
+    """What one frame says of the cells of a grid: a pure function of what it is given.
+
+    Ground of this view, labelled points in cells (Eq. 1 and 2), what stands above the ground, classes.
+
+    Args:
+        frame: aligned images.
+        segmentation: its mask, of any size.
+        T_map_camera: pose of the camera in the grid's frame.
+        spec: the grid.
+        config: ranges, filters, points a cell needs, geometry, backend.
+    """
+    compiled, grid = config.backend == "compiled", config.grid
+    geometry = None
+    if config.geometry.enabled:
+        geometry = observe_ground(
+            frame, T_map_camera, spec, config.cloud, config.geometry, grid.min_points, compiled
+        )
+    count = count_compiled if compiled else count_plain
+    above_lawn = None if geometry is None else geometry.above_lawn
+    points, counts = count(frame, segmentation, T_map_camera, spec, config.cloud, above_lawn)
+    semantic = classify_cells(points, grid.min_points, grid.min_grass_points)
+    classes = semantic
+    if geometry is not None and not config.geometry.semantics:
+        points, classes = marks_alone(geometry.marks), np.where(geometry.marks, np.uint8(2), np.uint8(0))
+    elif geometry is not None:
+        points = with_marks(points, geometry.marks)
+        classes = np.maximum(semantic, np.where(geometry.marks, np.uint8(2), np.uint8(0)))
+    x, y, z = T_map_camera.position_m.tolist()
+    return Observation(spec, classes, points, (x, y, z), frame.stamp_ns, counts, semantic, geometry)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,34 +65,33 @@ class StepResult:
         frame: the input.
         segmentation: the mask, void where it was not sure.
         T_map_camera: the pose that was used.
-        seen: the standalone map of this frame alone, of all the evidence that is switched on.
-        counts: what became of its pixels.
-        timings_ms: time spent in each stage.
-        semantic: the same map from the network's classes alone; None = as `seen`.
-        geometry: what depth alone says; None = switched off.
+        observation: what it says of the cells it sees.
+        timings_ms: time spent in each stage, where somebody took it.
     """
 
     frame: Frame
     segmentation: Segmentation
     T_map_camera: Pose
-    seen: OccupancyGrid
-    counts: PixelCounts
+    observation: Observation
     timings_ms: dict[str, float] = field(default_factory=dict)
-    semantic: OccupancyGrid | None = None
-    geometry: GroundEvidence | None = None
 
     @property
-    def by_geometry(self) -> NDArray[np.bool_] | None:
-        """(height, width) bool, cells that geometry alone marks; None if it is switched off."""
-        if self.geometry is None or self.semantic is None:
-            return None
-        return self.geometry.grid.is_obstacle & ~self.semantic.is_obstacle
+    def seen(self) -> OccupancyGrid:
+        """The standalone map of this frame alone, of all the evidence that is switched on."""
+        return self.observation.grid
+
+    @property
+    def counts(self) -> PixelCounts:
+        """What became of its pixels."""
+        return self.observation.counts
 
     def cloud(self, config: Config) -> LabeledCloud:
         """The cloud the map was made of: filtered, labelled, in the map frame; for pictures and files."""
         cloud = filtered_cloud(self.frame, self.segmentation, config.cloud)
-        T_map_camera = Pose(self.T_map_camera.parent, cloud.frame_id, self.T_map_camera.matrix)
-        return within_height(cloud, T_map_camera, config.cloud, above_lawn(self.geometry))
+        geometry = self.observation.geometry
+        above_lawn = None if geometry is None else geometry.above_lawn
+        T_map_camera = self.T_map_camera.of_child(cloud.frame_id)
+        return within_height(cloud, T_map_camera, config.cloud, above_lawn)
 
 
 class ObstacleMapper:
@@ -70,7 +105,7 @@ class ObstacleMapper:
         config: all settings.
         T_base_camera: mount of the camera, for frames without a pose.
         area: work area, whose outside is kept out of in costmaps; None = everywhere is inside.
-        living: saved living map to go on from; it is changed.
+        log_odds: saved map to go on from; it is changed.
     """
 
     def __init__(
@@ -79,61 +114,76 @@ class ObstacleMapper:
         config: Config | None = None,
         T_base_camera: Pose | None = None,
         area: WorkArea | None = None,
-        living: LivingMap | None = None,
+        log_odds: LogOddsMap | None = None,
     ) -> None:
         self.segmenter = segmenter
         self.config = config or Config()
         self.T_base_camera = T_base_camera
         self.area = area
-        self._mapper: GridMapper | LivingMap | None = living
+        self._map: LastSeenMap | LogOddsMap | None = log_odds
         self._area_layer: tuple[GridSpec, NDArray[np.uint8]] | None = None
         self._last_stamp_ns: int | None = None
 
     def step(self, frame: Frame) -> StepResult:
-        """Map one frame: segment, label the cloud, filter, to the map frame, update the grid.
+        """Segment one frame, and map it.
 
         Raises:
             InputError: if the clock goes backwards, or the frame has no pose and no mount is known.
             InvalidValueError: if the pose is in another frame than the work area.
         """
-        config, started = self.config, perf_counter()
+        return self.integrate(frame, self.segmenter(frame))
+
+    def integrate(self, frame: Frame, segmentation: Segmentation) -> StepResult:
+        """Map one frame whose mask is known: what it says of its cells, into the map.
+
+        Raises:
+            As `step`.
+        """
         self._check_clock(frame)
         T_map_camera = self._pose_of(frame)
-        segmentation = self.segmenter(frame).confident(config.segmenter.min_confidence)
-        segmented = perf_counter()
-
+        segmentation = segmentation.confident(self.config.segmenter.min_confidence)
         spec = self._window(frame.intrinsics, T_map_camera)
-        geometry = see_ground(frame, T_map_camera, spec, config)
-        grounded = perf_counter()
-        semantic, counts = semantic_grid(frame, segmentation, T_map_camera, spec, config, geometry)
-        seen = with_ground(semantic, geometry, config)
-        gridded = perf_counter()
-
+        seen = observe(frame, segmentation, T_map_camera, spec, self.config)
         if frame.T_map_camera is not None:
-            if self.area is not None:
-                self.area.check_frame(T_map_camera.parent)
-            self._mapper = self._mapper or new_map(config, T_map_camera.parent)
-            self._mapper.integrate(seen)
-        done = perf_counter()
-        stages = {"segment": segmented - started}
-        stages |= {} if geometry is None else {"geometry": grounded - segmented}
-        stages |= {"grid": gridded - grounded, "update": done - gridded}
-        timings_ms = {name: 1e3 * seconds for name, seconds in stages.items()}
-        return StepResult(frame, segmentation, T_map_camera, seen, counts, timings_ms, semantic, geometry)
+            self._map_in(T_map_camera.parent).integrate(seen)
+        return StepResult(frame, segmentation, T_map_camera, seen)
 
     def run(self, frames: Iterable[Frame]) -> Iterator[StepResult]:
-        """Map every frame of a source, one after another."""
-        return map(self.step, frames)
+        """Map every frame of a source, one after another, with the time that each took."""
+        for frame in frames:
+            started = perf_counter()
+            segmentation = self.segmenter(frame)
+            segmented = perf_counter()
+            step = self.integrate(frame, segmentation)
+            stages = {"segment": segmented - started, "map": perf_counter() - segmented}
+            yield replace(step, timings_ms={name: 1e3 * seconds for name, seconds in stages.items()})
+
+    def mounted(self, T_base_camera: Pose) -> None:
+        """Take the mount of the camera, for frames without a pose."""
+        self.T_base_camera = T_base_camera
+
+    def reconfigure(self, config: Config) -> None:
+        """Go on with other settings.
+
+        Raises:
+            ConfigError: for another mode or other cells, which the map so far is built on.
+        """
+        old, new = self.config.grid, config.grid
+        if (old.mode, old.resolution_m, old.origin_m, old.size_m) != (
+            new.mode, new.resolution_m, new.origin_m, new.size_m
+        ):  # fmt: skip
+            raise ConfigError("grid: expected mode and cells as the map was begun with; clear the map first")
+        self.config = config
 
     @property
     def map(self) -> OccupancyGrid | None:
         """The accumulated map; None until a frame with a pose has seen something."""
-        return None if self._mapper is None else self._mapper.grid
+        return None if self._map is None else self._map.grid
 
     @property
-    def living(self) -> LivingMap | None:
+    def log_odds(self) -> LogOddsMap | None:
         """The map with its evidence, to be saved; None in the paper's mode, or before the first pose."""
-        return self._mapper if isinstance(self._mapper, LivingMap) else None
+        return self._map if isinstance(self._map, LogOddsMap) else None
 
     def costmap(self, grid: OccupancyGrid | None = None) -> Costmap | None:
         """Costmap of `grid`, or of the accumulated map; without a pose the work area says nothing."""
@@ -143,6 +193,13 @@ class ObstacleMapper:
         placed = self.T_base_camera is None or grid.spec.frame_id != self.T_base_camera.parent
         layer = self._layer_of_area(grid.spec) if placed else None
         return build_costmap(grid, self.config.costmap, layer)
+
+    def _map_in(self, frame_id: str) -> LastSeenMap | LogOddsMap:
+        """The accumulated map, begun with the first pose."""
+        if self.area is not None:
+            self.area.check_frame(frame_id)
+        self._map = self._map or new_map(self.config, frame_id)
+        return self._map
 
     def _layer_of_area(self, spec: GridSpec) -> NDArray[np.uint8] | None:
         """The work area as a layer; drawn once for each extent of the map."""
@@ -179,32 +236,11 @@ class ObstacleMapper:
         return view if fixed is None else fixed.part_within(view)
 
 
-def semantic_grid(
-    frame: Frame,
-    segmentation: Segmentation,
-    T_map_camera: Pose,
-    spec: GridSpec,
-    config: Config,
-    geometry: GroundEvidence | None = None,
-) -> tuple[OccupancyGrid, PixelCounts]:
-    """One frame's grid from its mask, by the configured road; on slopes heights are those above the lawn."""
-    road = fused_grid if config.road == "fused" else staged_grid
-    return road(
-        frame, segmentation, T_map_camera, spec, config.cloud, config.grid.min_points,
-        config.grid.min_grass_points, above_lawn(geometry),
-    )  # fmt: skip
-
-
-def above_lawn(geometry: GroundEvidence | None) -> NDArray[np.float32] | None:
-    """What gives heights above the lawn, if geometry is on and saw it."""
-    return None if geometry is None else geometry.above_lawn
-
-
-def new_map(config: Config, frame_id: str) -> GridMapper | LivingMap:
+def new_map(config: Config, frame_id: str) -> LastSeenMap | LogOddsMap:
     """An empty accumulated map of the configured mode."""
-    if config.grid.mode == "evidence":
-        return LivingMap(config.grid, config.evidence, config.cloud.min_height_m, frame_id)
-    return GridMapper(config.grid, frame_id)
+    if config.grid.mode == "log_odds":
+        return LogOddsMap(config.grid, config.evidence, config.cloud.min_height_m, frame_id)
+    return LastSeenMap(config.grid, frame_id)
 
 
 def view_spec(

@@ -121,5 +121,5 @@ def test_a_map_on_other_cells_or_a_damaged_one_is_refused(
     assert mapped(recording, tmp_path / "out", "--resume-map", str(living)) == 1
     assert "expected a living map" in capsys.readouterr().err
     assert mapped(recording, tmp_path / "out", *flags(f"grid.resume={living}")) == 1
-    assert "mode: evidence" in capsys.readouterr().err
+    assert "mode: log_odds" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()

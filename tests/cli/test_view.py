@@ -45,7 +45,7 @@ def test_a_file_shows_what_map_writes(recording: Path, tmp_path: Path) -> None:
         np.testing.assert_array_equal(image(rows, "/world/camera/depth", "DepthImage", number), frame.depth)
         mask = image(rows, "/world/camera/mask", "SegmentationImage", number)
         np.testing.assert_array_equal(mask, frame.labels)
-        for stage in ("read", "segment", "grid", "update"):
+        for stage in ("read", "segment", "map"):
             assert numbers(rows[f"/timings/{stage}"]["Scalars:scalars"][number])[0] >= 0
 
 
@@ -59,7 +59,7 @@ def test_json_a_part_and_an_earlier_file(
     facts = json.loads(captured.out)
     assert captured.err == ""
     assert (facts["to"], facts["frames"], facts["skipped"], facts["stopped"]) == (str(path), 2, {}, False)
-    assert set(facts["timings_ms"]) == {"segment", "grid", "update"}
+    assert set(facts["timings_ms"]) == {"segment", "map"}
     assert sorted(read(path)["/world/camera/photo"]["EncodedImage:blob"]) == [0, 1]
     before = path.read_bytes()
     assert run(arguments) == 1

@@ -21,11 +21,11 @@ from swardmap.eval.maps import (
 )
 from swardmap.eval.tally import MapTally, MissedKind, MissKind, total_of
 from swardmap.geometry import Pose
-from swardmap.grid import GridSpec, OccupancyGrid
+from swardmap.grid import GridSpec, OccupancyGrid, classify_cells
 from swardmap.io.clouds.cloud_files import read_cloud, write_pcd
 from swardmap.labels import GRASS_OBSTACLE_PERSON, MapClass
 from swardmap.perception.cloud import crop_range, label_cloud
-from swardmap.perception.frame_grid import staged_grid
+from swardmap.perception.counting import count_plain
 from swardmap.synth.analytic import AnalyticSource, StereoNoise, garden_scene, lane_poses
 from swardmap.types import Frame, Segmentation
 
@@ -71,14 +71,14 @@ def test_under_the_papers_protocol_the_unknown_class_agrees_exactly(noise: Stere
         assert found.tally.matrix.obstacle_called_free.count > 0
 
 
-def test_the_dense_reference_is_the_staged_map_of_all_pixels() -> None:
+def test_the_dense_reference_is_the_plain_map_of_all_pixels() -> None:
     (frame, *_) = frames(StereoNoise())
     reference = compare_frame(frame, true_segmentation(frame), pose(frame), Config()).reference
     of_reference, _ = protocol_configs(Config(), "dense")
-    again, counts = staged_grid(
-        frame, true_segmentation(frame), pose(frame), reference.spec, of_reference.cloud, 1
+    points, counts = count_plain(
+        frame, true_segmentation(frame), pose(frame), reference.spec, of_reference.cloud
     )
-    assert np.array_equal(again.classes, reference.classes)
+    assert np.array_equal(classify_cells(points, 1), reference.classes)
     assert counts.inconsistent == 0
 
 

@@ -1,7 +1,12 @@
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 from numba.core import caching
 
+from swardmap import kernels
 from swardmap.kernels.compiled import compiled
 
 
@@ -19,3 +24,15 @@ def test_where_nothing_can_be_written_kernels_still_compile(monkeypatch: pytest.
 def test_the_machine_code_is_kept_where_it_can_be() -> None:
     kernel = compiled()(doubled)
     assert getattr(kernel, "_cache").cache_path  # noqa: B009 - numba has no public name for it
+
+
+def test_every_kernel_is_imported_where_nothing_can_be_written() -> None:
+    """The use and not only the decorator: a bare `njit(cache=True)` stops a service without a home."""
+    names = [f"swardmap.kernels.{p.stem}" for p in Path(kernels.__file__).parent.glob("[a-z]*.py")]
+    assert len(names) > 5
+    code = (
+        "from numba.core import caching; caching.CompileResultCacheImpl._locator_classes = []; "
+        f"import importlib; [importlib.import_module(name) for name in {names!r}]"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-500:]

@@ -77,6 +77,6 @@ def test_a_window_keeps_memory_flat_on_the_way() -> None:
     sizes = []
     for frame in islice(drive(lawn()), 800):
         mapper.step(frame)
-        assert mapper.living is not None
-        sizes.append(len(mapper.living.tiles))
+        assert mapper.log_odds is not None
+        sizes.append(len(mapper.log_odds.tiles))
     assert max(sizes) <= 9  # 12 m are not more than 3 tiles of 6.4 m

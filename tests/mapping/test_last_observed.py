@@ -6,20 +6,23 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swardmap.grid import GridSpec, OccupancyGrid
+from swardmap.grid import GridSpec
 from swardmap.labels import MapClass
-from swardmap.mapping.last_observed import NEVER, TILE, Freshness
+from swardmap.mapping.last_observed import NEVER, LastObserved
+from swardmap.mapping.tiles import TILE
+from swardmap.perception.observation import Observation
+from tests.observations import observation
 
 R = 0.1
 CORNER = GridSpec(R, 1, 1)
 
 
-def grid_at(ix: int, iy: int, classes: np.ndarray, stamp_ns: int = 0) -> OccupancyGrid:
+def grid_at(ix: int, iy: int, classes: np.ndarray, stamp_ns: int = 0) -> Observation:
     spec = GridSpec(R, classes.shape[1], classes.shape[0], (round(ix * R, 9), round(iy * R, 9)))
-    return OccupancyGrid(spec, classes.astype(np.uint8), stamp_ns)
+    return observation(spec, classes.astype(np.uint8), stamp_ns=stamp_ns)
 
 
-def random_grid(rng: np.random.Generator) -> OccupancyGrid:
+def random_grid(rng: np.random.Generator) -> Observation:
     shape = rng.integers(1, 60, 2)
     ix, iy = rng.integers(-200, 200, 2).tolist()
     return grid_at(ix, iy, rng.integers(0, 4, shape), int(rng.integers(0, 100)))
@@ -28,7 +31,7 @@ def random_grid(rng: np.random.Generator) -> OccupancyGrid:
 @given(st.integers(0, 2**32 - 1))
 def test_stamps_are_those_of_a_dictionary_of_cells(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    freshness, oracle = Freshness(CORNER), dict[tuple[int, int], int]()
+    freshness, oracle = LastObserved(CORNER), dict[tuple[int, int], int]()
     for _ in range(4):
         seen = random_grid(rng)
         freshness.integrate(seen)
@@ -47,10 +50,10 @@ def test_stamps_are_those_of_a_dictionary_of_cells(seed: int) -> None:
 @given(st.integers(0, 2**32 - 1), st.integers(-10, 110))
 def test_forgetting_only_ever_turns_free_into_unknown(seed: int, before_ns: int) -> None:
     rng = np.random.default_rng(seed)
-    freshness = Freshness(CORNER)
+    freshness = LastObserved(CORNER)
     for _ in range(3):
         freshness.integrate(random_grid(rng))
-    grid = random_grid(rng)
+    grid = random_grid(rng).grid
     kept = grid.classes.copy()
     forgotten = freshness.forget_stale(grid, before_ns)
     np.testing.assert_array_equal(grid.classes, kept)
@@ -64,13 +67,13 @@ def test_forgetting_only_ever_turns_free_into_unknown(seed: int, before_ns: int)
 
 
 def test_nothing_is_forgotten_without_a_time_and_all_that_was_never_seen_with_one() -> None:
-    grid = grid_at(0, 0, np.full((5, 5), MapClass.GRASS))
-    assert Freshness(CORNER).forget_stale(grid, None) is grid
-    assert not Freshness(CORNER).forget_stale(grid, 0).classes.any()  # a map that was loaded
+    grid = grid_at(0, 0, np.full((5, 5), MapClass.GRASS)).grid
+    assert LastObserved(CORNER).forget_stale(grid, None) is grid
+    assert not LastObserved(CORNER).forget_stale(grid, 0).classes.any()  # a map that was loaded
 
 
 def test_memory_follows_the_area_and_a_window_bounds_it() -> None:
-    freshness = Freshness(CORNER)
+    freshness = LastObserved(CORNER)
     patch = np.full((10, 10), MapClass.GRASS)
     for i in range(200):
         freshness.integrate(grid_at(10, 10, patch, i))

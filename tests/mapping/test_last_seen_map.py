@@ -8,7 +8,9 @@ from hypothesis.extra.numpy import arrays
 from swardmap.config import GridConfig
 from swardmap.grid import GridSpec, OccupancyGrid, overlap, update_grid
 from swardmap.labels import MapClass
-from swardmap.mapping.last_seen_map import GridMapper
+from swardmap.mapping.last_seen_map import LastSeenMap
+from swardmap.perception.observation import Observation
+from tests.observations import observation
 
 R = 0.1
 windows = st.lists(
@@ -20,9 +22,10 @@ windows = st.lists(
 )
 
 
-def seen(classes: object, ix: int = 0, iy: int = 0, stamp_ns: int = 0) -> OccupancyGrid:
+def seen(classes: object, ix: int = 0, iy: int = 0, stamp_ns: int = 0) -> Observation:
     array = np.asarray(classes, np.uint8)
-    return OccupancyGrid(GridSpec(R, array.shape[1], array.shape[0], (ix * R, iy * R)), array, stamp_ns)
+    spec = GridSpec(R, array.shape[1], array.shape[0], (ix * R, iy * R))
+    return observation(spec, array, stamp_ns=stamp_ns)
 
 
 @settings(max_examples=60, deadline=None)
@@ -31,11 +34,11 @@ def seen(classes: object, ix: int = 0, iy: int = 0, stamp_ns: int = 0) -> Occupa
 def test_growing_map_equals_the_papers_update_on_one_large_grid(
     updates: list[tuple[int, int, np.ndarray]],
 ) -> None:
-    mapper = GridMapper(GridConfig(resolution_m=R, person_clear_frames=1))
+    mapper = LastSeenMap(GridConfig(resolution_m=R, person_clear_frames=1))
     large = OccupancyGrid.unknown(GridSpec(R, 700, 700, (-350 * R, -350 * R)))
     for ix, iy, classes in updates:
         mapper.integrate(seen(classes, ix, iy))
-        large = update_grid(large, seen(classes, ix, iy))
+        large = update_grid(large, seen(classes, ix, iy).grid)
     grid = mapper.grid
     if grid is None:
         assert not large.classes.any()
@@ -50,13 +53,13 @@ def test_growing_map_equals_the_papers_update_on_one_large_grid(
 
 
 def test_nothing_seen_makes_no_map() -> None:
-    mapper = GridMapper(GridConfig(resolution_m=R))
+    mapper = LastSeenMap(GridConfig(resolution_m=R))
     mapper.integrate(seen(np.zeros((3, 3))))
     assert mapper.grid is None
 
 
 def test_a_person_needs_more_evidence_to_clear_than_to_mark() -> None:
-    mapper = GridMapper(GridConfig(resolution_m=R, obstacle_clear_frames=1, person_clear_frames=3))
+    mapper = LastSeenMap(GridConfig(resolution_m=R, obstacle_clear_frames=1, person_clear_frames=3))
     mapper.integrate(seen([[MapClass.PERSON, MapClass.OBSTACLE]]))
 
     def step(left: MapClass, right: MapClass) -> list[int]:
@@ -79,7 +82,7 @@ def test_a_person_needs_more_evidence_to_clear_than_to_mark() -> None:
 
 
 def test_fixed_extent_leaves_out_what_falls_beside_it() -> None:
-    mapper = GridMapper(GridConfig(resolution_m=R, origin_m=(0.0, 0.0), size_m=(1.0, 0.5)))
+    mapper = LastSeenMap(GridConfig(resolution_m=R, origin_m=(0.0, 0.0), size_m=(1.0, 0.5)))
     grid = mapper.grid
     assert grid is not None
     assert grid.classes.shape == (5, 10)
@@ -91,7 +94,7 @@ def test_fixed_extent_leaves_out_what_falls_beside_it() -> None:
 
 
 def test_the_map_given_out_is_a_copy() -> None:
-    mapper = GridMapper(GridConfig(resolution_m=R))
+    mapper = LastSeenMap(GridConfig(resolution_m=R))
     mapper.integrate(seen([[MapClass.OBSTACLE]]))
     first, second = mapper.grid, mapper.grid
     assert first is not None

@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 from swardmap.config import Config, EvidenceConfig, GridConfig, config_from_dict
 from swardmap.errors import InvalidValueError
 from swardmap.geometry import Intrinsics, Pose
-from swardmap.grid import GridSpec, OccupancyGrid, Sighting, classify_cells, overlap
+from swardmap.grid import GridSpec, OccupancyGrid, classify_cells, overlap
 from swardmap.labels import GRASS_OBSTACLE_PERSON, LabelSet, MapClass
-from swardmap.mapping.log_odds_map import TILE, LivingMap
+from swardmap.mapping.log_odds_map import LogOddsMap
 from swardmap.mapping.sensor_model import Cells
+from swardmap.mapping.tiles import TILE
+from swardmap.perception.observation import Observation
 from swardmap.pipeline import ObstacleMapper
 from swardmap.synth.analytic import (
     AnalyticSource,
@@ -28,19 +30,18 @@ from swardmap.synth.analytic import (
     true_map,
 )
 from swardmap.types import Frame, Segmentation
+from tests.observations import observation
 
 R = 0.1
 CAMERA = Intrinsics(160, 120, 115.0, 115.0, 79.5, 59.5)
 EXTENT = {"origin_m": [-2.0, -8.0], "size_m": [16.0, 16.0], "resolution_m": 0.1, "min_grass_points": 2}
 
 
-def seen(
-    points: NDArray[np.uint32], ix: int, iy: int, origin_m: tuple[float, float] = (0, 0)
-) -> OccupancyGrid:
+def seen(points: NDArray[np.uint32], ix: int, iy: int, origin_m: tuple[float, float] = (0, 0)) -> Observation:
     corner = origin_m[0] + ix * R, origin_m[1] + iy * R
     spec = GridSpec(R, points.shape[1], points.shape[0], corner)
     eye = (corner[0] + 0.33, corner[1] + 0.21, 0.9)
-    return OccupancyGrid(spec, classify_cells(points, 3), 7, Sighting(points, eye))
+    return observation(spec, classify_cells(points, 3), points, eye, 7)
 
 
 def random_points(rng: np.random.Generator) -> NDArray[np.uint32]:
@@ -81,9 +82,9 @@ def cell_at(grid: OccupancyGrid | None, x: float, y: float) -> MapClass:
 def test_tiles_are_invisible_and_cells_never_drift(seed: int) -> None:
     rng = np.random.default_rng(seed)
     frames = [(random_points(rng), *rng.integers(-300, 300, 2).tolist()) for _ in range(5)]
-    here = LivingMap(GridConfig(resolution_m=R))
+    here = LogOddsMap(GridConfig(resolution_m=R))
     dx, dy = rng.integers(-(10**6), 10**6, 2).tolist()  # up to 100 km away, to any place in a tile
-    there = LivingMap(GridConfig(resolution_m=R))
+    there = LogOddsMap(GridConfig(resolution_m=R))
     for points, ix, iy in frames:
         here.integrate(seen(points, ix, iy))
         there.integrate(seen(points, ix + dx, iy + dy))
@@ -101,7 +102,7 @@ def test_tiles_are_invisible_and_cells_never_drift(seed: int) -> None:
 
 
 def test_only_what_was_seen_takes_memory() -> None:
-    living = LivingMap(GridConfig(resolution_m=R))
+    living = LogOddsMap(GridConfig(resolution_m=R))
     assert living.grid is None
     living.integrate(seen(np.zeros((50, 50, 4), np.uint32), 0, 0))
     assert living.nbytes == 0
@@ -113,7 +114,7 @@ def test_only_what_was_seen_takes_memory() -> None:
 
 
 def test_the_window_follows_the_camera_and_forgets_what_it_left() -> None:
-    living = LivingMap(GridConfig(resolution_m=R), EvidenceConfig(window_m=4.0))
+    living = LogOddsMap(GridConfig(resolution_m=R), EvidenceConfig(window_m=4.0))
     points = np.zeros((10, 10, 4), np.uint32)
     points[..., MapClass.OBSTACLE] = 9
     sizes, specs = [], []
@@ -136,10 +137,8 @@ def test_the_window_follows_the_camera_and_forgets_what_it_left() -> None:
     )  # nothing is left of the first visit but what is seen now
 
 
-def test_a_grid_without_its_sighting_is_refused() -> None:
-    living = LivingMap(GridConfig(resolution_m=R))
-    with pytest.raises(InvalidValueError, match="with its sighting"):
-        living.integrate(OccupancyGrid.unknown(GridSpec(R, 3, 3)))
+def test_what_lies_on_another_lattice_is_refused() -> None:
+    living = LogOddsMap(GridConfig(resolution_m=R))
     with pytest.raises(InvalidValueError, match="whole cells apart"):
         living.integrate(seen(np.full((3, 3, 4), 9, np.uint32), 0, 0, origin_m=(0.03, 0.0)))
     with pytest.raises(InvalidValueError, match="expected 128 x 128"):
@@ -149,15 +148,15 @@ def test_a_grid_without_its_sighting_is_refused() -> None:
 def test_the_papers_mode_stays_the_default() -> None:
     mapper = ObstacleMapper(Mask())
     mapper.step(next(iter(AnalyticSource(garden_scene(0), tuple(lane_poses(1)), CAMERA))))
-    assert mapper.living is None
+    assert mapper.log_odds is None
     assert mapper.map is not None
 
 
 def test_both_roads_give_the_same_living_map() -> None:
     frames = list(AnalyticSource(garden_scene(0), tuple(lane_poses(3, step_m=0.4)), CAMERA))
     maps = []
-    for road in ("fused", "staged"):
-        mapper = ObstacleMapper(Mask(), replace(config_of("evidence"), road=road))
+    for backend in ("compiled", "plain"):
+        mapper = ObstacleMapper(Mask(), replace(config_of("evidence"), backend=backend))
         for frame in frames:
             mapper.step(frame)
         assert mapper.map is not None
@@ -243,7 +242,7 @@ def test_nothing_is_ever_free_that_was_not_seen_as_grass(seed: int) -> None:
     """Whatever comes, in whatever order, through tiles, window and a saved map."""
     rng = np.random.default_rng(seed)
     window = None if rng.random() < 0.5 else float(rng.uniform(1, 20))
-    living = LivingMap(GridConfig(resolution_m=R), EvidenceConfig(window_m=window))
+    living = LogOddsMap(GridConfig(resolution_m=R), EvidenceConfig(window_m=window))
     k = GridConfig().min_grass_points
     ever_grass: set[tuple[int, int]] = set()
     for _ in range(12):
@@ -255,7 +254,7 @@ def test_nothing_is_ever_free_that_was_not_seen_as_grass(seed: int) -> None:
         ever_grass |= {(left + int(c), low + int(r)) for r, c in zip(rows, columns, strict=True)}
         if rng.random() < 0.2:
             saved = living.tiles
-            living = LivingMap(GridConfig(resolution_m=R), EvidenceConfig(window_m=window))
+            living = LogOddsMap(GridConfig(resolution_m=R), EvidenceConfig(window_m=window))
             living.restore(saved, 0)
         grid = living.grid
         if grid is None:
@@ -320,9 +319,9 @@ def test_hours_on_one_lawn_keep_memory_flat_and_every_cell_in_its_place() -> Non
         matrix[:2, 3] += 12.8 * 1000, -12.8 * 400  # the same lawn, kilometres away
         mapper.step(replace(frame, stamp_ns=i))
         far.step(replace(frame, T_map_camera=Pose("map", "camera", matrix), stamp_ns=i))
-        assert mapper.living is not None
+        assert mapper.log_odds is not None
         if i % 1000 == 999:
-            marks.append((mapper.living.nbytes, mapper.map))
+            marks.append((mapper.log_odds.nbytes, mapper.map))
     assert len({size for size, _ in marks}) == 1
     first, last = marks[0][1], marks[-1][1]
     assert first is not None

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from swardmap.config import EvidenceConfig, load_config
 from swardmap.errors import ConfigError
-from swardmap.grid import GridSpec, Sighting
+from swardmap.grid import GridSpec
 from swardmap.kernels import log_odds as kernel
 from swardmap.labels import MapClass
 from swardmap.mapping.sensor_model import Cells, Viewpoint, cells_passed, parameters, update_cells
@@ -152,18 +152,18 @@ def test_rays_pass_low_before_the_grass_they_end_on_and_stop_at_a_hazard() -> No
 
 
 def test_the_low_part_of_a_ray_is_that_below_the_stated_height() -> None:
-    sighting = Sighting(np.zeros((4, 4, 4), np.uint32), (1.0, 2.0, 0.9))
-    view = Viewpoint.of(sighting, GridSpec(0.1, 4, 4, (0.5, 0.5)), CONFIG, lowest_m=0.0)
+    eye = (1.0, 2.0, 0.9)
+    view = Viewpoint.of(eye, GridSpec(0.1, 4, 4, (0.5, 0.5)), CONFIG, lowest_m=0.0)
     assert (view.x, view.y) == pytest.approx((5.0, 15.0))
     assert view.back == pytest.approx(CONFIG.ray_height_m / 0.9)
-    beneath = Viewpoint.of(sighting, GridSpec(0.1, 4, 4), CONFIG, lowest_m=0.85)
+    beneath = Viewpoint.of(eye, GridSpec(0.1, 4, 4), CONFIG, lowest_m=0.85)
     assert beneath.back == 0.0  # a camera as low as that clears nothing
 
 
 @pytest.mark.parametrize(
     ("override", "match"),
     [("evidence.person_limit=0.01", "at least mark_at"), ("evidence.free_limit=0.01", "at least free_at"),
-     ("evidence.obstacle_limit=31", "at most 30"), ("grid.mode=hope", "paper, evidence")],
+     ("evidence.obstacle_limit=31", "at most 30"), ("grid.mode=hope", "last_seen, log_odds")],
 )  # fmt: skip
 def test_settings_that_contradict_each_other_are_refused(override: str, match: str) -> None:
     with pytest.raises(ConfigError, match=match):

@@ -13,7 +13,7 @@ from swardmap.config import Config, WatchdogConfig, config_from_dict
 from swardmap.errors import InvalidValueError
 from swardmap.geometry import Intrinsics, mount_pose
 from swardmap.labels import MapClass
-from swardmap.mapping.last_observed import Freshness
+from swardmap.mapping.last_observed import LastObserved
 from swardmap.models.oracle import open_segmenter as open_oracle
 from swardmap.monitor.diagnostics import Fault, FrameStats, HealthReport, Severity, frame_stats
 from swardmap.monitor.watchdog import Watchdog
@@ -329,11 +329,11 @@ def test_when_a_camera_stops_the_map_turns_unknown_and_obstacles_stay() -> None:
         ObstacleMapper(open_oracle(config.segmenter, frames[0].label_set), config),
         Watchdog(["front"]),
     )
-    freshness: Freshness | None = None
+    freshness: LastObserved | None = None
     for frame in frames:
         step = mapper.step(frame)
-        freshness = freshness or Freshness(step.seen.spec)
-        freshness.integrate(step.seen)
+        freshness = freshness or LastObserved(step.observation.spec)
+        freshness.integrate(step.observation)
         dog.observe_frame("front", frame_stats(frame, frame.stamp_ns, MOUNT))
         dog.observe_pose(frame.stamp_ns)
         report = dog.check(frame.stamp_ns)

@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from swardmap.config import CloudConfig, Config, GeometryConfig, GridConfig, config_from_dict
-from swardmap.errors import ConfigError, InvalidValueError
+from swardmap.errors import ConfigError
 from swardmap.eval.maps import compare_frame
 from swardmap.geometry import Intrinsics, Pose, deproject, mount_pose
-from swardmap.grid import GridSpec, OccupancyGrid, overlap
+from swardmap.grid import GridSpec, overlap
 from swardmap.labels import GRASS, GRASS_OBSTACLE_PERSON, VOID_ID, LabelSet, MapClass
-from swardmap.perception.geometric_obstacles import GroundEvidence, fuse, observe_ground
+from swardmap.perception.geometric_obstacles import GroundEvidence, observe_ground, with_marks
 from swardmap.pipeline import ObstacleMapper, view_spec
 from swardmap.synth.analytic import (
     VGA,
@@ -67,9 +67,15 @@ def marks(
     return observe_ground(frame, frame.T_map_camera, spec, cloud, config, min_points)
 
 
-def found_near(evidence: GroundEvidence, x: float, y: float, within_m: float) -> int:
-    iy, ix = np.nonzero(evidence.grid.is_obstacle)
-    centers = evidence.grid.spec.center_of(np.stack([ix, iy], axis=1))
+def view_of(frame: Frame, cloud: CloudConfig = CLOUD) -> GridSpec:
+    """All that the camera of a frame can see."""
+    assert frame.T_map_camera is not None
+    return view_spec(frame.intrinsics, frame.T_map_camera, cloud.max_range_m, 0.05)
+
+
+def found_near(evidence: GroundEvidence, spec: GridSpec, x: float, y: float, within_m: float) -> int:
+    iy, ix = np.nonzero(evidence.marks)
+    centers = spec.center_of(np.stack([ix, iy], axis=1))
     return int((np.hypot(*(centers - (x, y)).T) < within_m).sum())
 
 
@@ -79,7 +85,7 @@ def found_near(evidence: GroundEvidence, x: float, y: float, within_m: float) ->
 def test_an_empty_slope_has_no_obstacle(slope_deg: float, roll_deg: float) -> None:
     evidence = marks(seen(Scene(), slope_deg, roll_deg))
     assert np.isfinite(evidence.ground_m).sum() > 3000
-    assert not evidence.grid.is_obstacle.any()
+    assert not evidence.marks.any()
 
 
 class Truth:
@@ -94,13 +100,13 @@ class Truth:
 
 
 @pytest.mark.parametrize("mode", ["paper", "evidence"])
-@pytest.mark.parametrize("road", ["fused", "staged"])
+@pytest.mark.parametrize("backend", ["compiled", "plain"])
 @pytest.mark.parametrize(("slope_deg", "roll_deg"), [(15, 0), (-15, 0), (0, 15)])
 def test_a_slope_stays_free_with_the_settings_as_shipped(
-    slope_deg: float, roll_deg: float, road: str, mode: str
+    slope_deg: float, roll_deg: float, backend: str, mode: str
 ) -> None:
     """Within the camera's range it rises by 2 m, or falls: far beyond the limits of height in the map."""
-    config = config_from_dict({"geometry": {"enabled": True}, "grid": {"mode": mode}, "road": road})
+    config = config_from_dict({"geometry": {"enabled": True}, "grid": {"mode": mode}, "backend": backend})
     mapper = ObstacleMapper(Truth(), config)
     frame = seen(Scene(), slope_deg, roll_deg)
     for i in range(12):
@@ -135,7 +141,7 @@ def test_a_pitching_robot_sees_no_obstacle_on_the_lawn(pitch_deg: float, height_
     (pose,) = lane_poses(1, pitch_deg=pitch_deg, height_m=height_m)
     frame = seen(Scene(), pose=pose)
     # the pose that is believed is 5 degrees off, as on a robot that brakes
-    assert not marks(frame.with_pose(Pose("map", "camera", turned(5.0) @ pose.matrix))).grid.is_obstacle.any()
+    assert not marks(frame.with_pose(Pose("map", "camera", turned(5.0) @ pose.matrix))).marks.any()
 
 
 @pytest.mark.parametrize("slope_deg", [-15.0, 0.0, 15.0])
@@ -154,13 +160,14 @@ def test_a_pitching_robot_sees_no_obstacle_on_the_lawn(pitch_deg: float, height_
 def test_what_stands_up_is_marked(
     solid: Box | Ellipsoid | Cylinder, center: tuple[float, float], cells: int, slope_deg: float
 ) -> None:
-    evidence = marks(seen(Scene((solid,)), slope_deg))
+    frame = seen(Scene((solid,)), slope_deg)
+    evidence = marks(frame)
     x, y = (turned(slope_deg)[:3, :3] @ [*center, 0.0])[:2]
     size = solid.bounds()[1] - solid.bounds()[0]
     leaning = size[2] * abs(np.sin(np.deg2rad(slope_deg)))  # it stands upright on the slope
     near = max(size[:2]) / 2 + leaning + 0.15
-    assert found_near(evidence, float(x), float(y), near) >= cells
-    assert found_near(evidence, float(x), float(y), near) == int(evidence.grid.is_obstacle.sum())
+    assert found_near(evidence, view_of(frame), float(x), float(y), near) >= cells
+    assert found_near(evidence, view_of(frame), float(x), float(y), near) == int(evidence.marks.sum())
 
 
 def dug(frame: Frame, deep_m: float) -> Frame:
@@ -185,14 +192,14 @@ def test_a_pit_is_a_hole_and_a_dent_is_none() -> None:
     frame = dug(exact, 0.4)
     assert frame.T_map_camera is not None
     points = frame.T_map_camera.apply(deproject(frame.depth_m, frame.intrinsics)).reshape(-1, 3)
-    ix, iy = deep.grid.spec.cell_of(points[points[:, 2] < -0.2, :2]).T  # mostly the far wall is seen
+    ix, iy = view_of(frame).cell_of(points[points[:, 2] < -0.2, :2]).T  # mostly the far wall is seen
     assert deep.holes[iy, ix].mean() > 0.8
     iy, ix = np.nonzero(deep.holes)
-    centers = deep.grid.spec.center_of(np.stack([ix, iy], axis=1))
+    centers = view_of(frame).center_of(np.stack([ix, iy], axis=1))
     assert (np.abs(centers - (2.5, 0.0)) < 0.4 + 0.1).all()
-    assert deep.grid.is_obstacle[deep.holes].all()
+    assert deep.marks[deep.holes].all()
     shallow = marks(with_sensor_noise(dug(exact, 0.06), np.random.default_rng(0)))
-    assert not shallow.grid.is_obstacle.any()
+    assert not shallow.marks.any()
 
 
 def test_a_hole_that_is_not_seen_is_not_reported() -> None:
@@ -200,8 +207,8 @@ def test_a_hole_that_is_not_seen_is_not_reported() -> None:
     difference = dug(exact, 0.4).depth != exact.depth
     blind = replace(exact, depth=np.where(difference, 0, exact.depth).astype(np.uint16))
     evidence = marks(blind)
-    assert not evidence.grid.is_obstacle.any()
-    assert np.isnan(evidence.ground_m[evidence.grid.spec.height // 2]).any()
+    assert not evidence.marks.any()
+    assert np.isnan(evidence.ground_m[len(evidence.ground_m) // 2]).any()
 
 
 @pytest.mark.parametrize("blades_m", [0.04, 0.08])
@@ -213,7 +220,7 @@ def test_grass_of_a_few_centimetres_is_no_obstacle(blades_m: float) -> None:
     blades = rng.random(frame.depth.shape) * blades_m
     lifted = frame.depth_m - np.where(down > 0.05, blades / np.maximum(down, 0.05), 0)
     grown = replace(frame, depth=np.nan_to_num(lifted).astype(np.float32))
-    assert not marks(with_sensor_noise(grown, rng)).grid.is_obstacle.any()
+    assert not marks(with_sensor_noise(grown, rng)).marks.any()
 
 
 def test_the_threshold_grows_with_the_noise() -> None:
@@ -226,17 +233,17 @@ def test_the_threshold_grows_with_the_noise() -> None:
     unfiltered = replace(CLOUD, consistent_neighbours=0)
     told = replace(ON, noise_m_at_1m=0.02, noise_sigmas=4.0)
     constant = replace(ON, noise_sigmas=0.0)
-    false_marks = marks(noisy, constant, unfiltered, min_points=3).grid.is_obstacle.sum()
+    false_marks = marks(noisy, constant, unfiltered, min_points=3).marks.sum()
     assert false_marks > 200
-    assert marks(noisy, told, unfiltered, min_points=3).grid.is_obstacle.sum() < 0.02 * false_marks
+    assert marks(noisy, told, unfiltered, min_points=3).marks.sum() < 0.02 * false_marks
 
 
 def test_what_hangs_high_above_the_local_ground_is_driven_under() -> None:
     roof = Scene((Box((4.0, 0.0), (2.0, 2.0, 0.2), base_m=1.9),))
     (pose,) = lane_poses(1, pitch_deg=0.0)
     cloud = replace(CLOUD, max_height_m=1.4)
-    assert marks(seen(roof, 10.0, pose=pose), cloud=cloud).grid.is_obstacle.sum() == 0
-    assert marks(seen(roof, 10.0, pose=pose)).grid.is_obstacle.sum() > 10
+    assert marks(seen(roof, 10.0, pose=pose), cloud=cloud).marks.sum() == 0
+    assert marks(seen(roof, 10.0, pose=pose)).marks.sum() > 10
 
 
 def random_frame(rng: np.random.Generator) -> tuple[Frame, Pose]:
@@ -274,58 +281,57 @@ def test_both_twins_agree_to_the_last_cell(seed: int) -> None:
     fast, plain = (
         observe_ground(frame, pose, spec, cloud, config, k, compiled) for compiled in (True, False)
     )
-    np.testing.assert_array_equal(fast.grid.classes, plain.grid.classes)
+    np.testing.assert_array_equal(fast.marks, plain.marks)
     np.testing.assert_array_equal(fast.holes, plain.holes)
     np.testing.assert_array_equal(fast.ground_m, plain.ground_m)
-    assert set(np.unique(fast.grid.classes)) <= {MapClass.UNKNOWN, MapClass.OBSTACLE}
-    assert fast.grid.stamp_ns == frame.stamp_ns
 
 
 def test_the_frame_may_lie_anywhere_in_the_world() -> None:
     frame = seen(garden_scene(1), 7.0)
     assert frame.T_map_camera is not None
-    here = marks(frame).grid
+    here = marks(frame).marks
     matrix = frame.T_map_camera.matrix.copy()
     matrix[:3, 3] += (450_000.0, -5_000.0, 130.0)
-    there = marks(frame.with_pose(Pose("map", "camera", matrix))).grid
-    assert here.spec.shape == there.spec.shape
-    assert (here.classes != there.classes).mean() < 1e-3  # lattice and heights round differently
+    there = marks(frame.with_pose(Pose("map", "camera", matrix))).marks
+    assert here.shape == there.shape
+    assert (here != there).mean() < 1e-3  # lattice and heights round differently
 
 
 @pytest.mark.parametrize("reading", [0, 65535])
 def test_a_blind_camera_marks_nothing(reading: int) -> None:
     frame = render(Scene(), VGA, LANE)
     evidence = marks(replace(frame, depth=np.full(frame.depth.shape, reading, np.uint16)))
-    assert not evidence.grid.classes.any()
+    assert not evidence.marks.any()
     assert np.isnan(evidence.ground_m).all()
 
 
-@pytest.mark.parametrize("road", ["fused", "staged"])
-def test_obstacles_called_grass_end_up_in_the_map(road: str) -> None:
-    config = config_from_dict({"road": road, "geometry": {"enabled": True}})
+@pytest.mark.parametrize("backend", ["compiled", "plain"])
+def test_obstacles_called_grass_end_up_in_the_map(backend: str) -> None:
+    config = config_from_dict({"backend": backend, "geometry": {"enabled": True}})
     frame = seen(Scene((Box((2.6, 0.4), (0.2, 0.2, 0.2)),)))
     mapper = ObstacleMapper(AllGrass(), config)
     step = mapper.step(frame)
-    assert step.semantic is not None
-    assert step.geometry is not None
-    assert step.by_geometry is not None
-    assert not step.semantic.is_obstacle.any()
-    marked = step.geometry.grid.is_obstacle
+    assert step.observation.geometry is not None
+    assert step.observation.by_geometry is not None
+    assert not step.observation.semantic_grid.is_obstacle.any()
+    marked = step.observation.geometry.marks
     assert marked.sum() >= 5
     np.testing.assert_array_equal(step.seen.is_obstacle, marked)
-    np.testing.assert_array_equal(step.by_geometry, marked)
+    np.testing.assert_array_equal(step.observation.by_geometry, marked)
     grid = mapper.map
     assert grid is not None
     assert grid.count(MapClass.OBSTACLE) == marked.sum()
     # geometry clears nothing: what is free is what the network calls grass
-    assert (step.semantic.classes[step.seen.classes == MapClass.GRASS] == MapClass.GRASS).all()
+    assert (
+        step.observation.semantic_grid.classes[step.seen.classes == MapClass.GRASS] == MapClass.GRASS
+    ).all()
 
 
 def test_each_kind_of_evidence_can_be_switched_off() -> None:
     frame = seen(garden_scene(0))
     off = ObstacleMapper(AllGrass(), Config()).step(frame)
-    assert off.geometry is None
-    assert off.by_geometry is None
+    assert off.observation.geometry is None
+    assert off.observation.by_geometry is None
     assert not off.seen.is_obstacle.any()
     alone = ObstacleMapper(
         AllGrass(), config_from_dict({"geometry": {"enabled": True, "semantics": False}})
@@ -344,17 +350,14 @@ def test_each_kind_of_evidence_can_be_switched_off() -> None:
         config_from_dict({"geometry": {"semantics": False}})
 
 
-def test_a_person_stays_a_person_and_grids_must_fit() -> None:
-    spec = GridSpec(0.1, 4, 1)
-    network = OccupancyGrid(spec, np.array([[0, 1, 2, 3]], np.uint8))
-    flagged = OccupancyGrid(spec, np.full((1, 4), MapClass.OBSTACLE, np.uint8))
-    silent = OccupancyGrid.unknown(spec)
-    nothing, ground = np.zeros((1, 4), bool), np.zeros((1, 4), np.float32)
-    assert fuse(network, GroundEvidence(flagged, nothing, ground)).classes.tolist() == [[2, 2, 2, 3]]
-    assert fuse(network, GroundEvidence(silent, nothing, ground)).classes.tolist() == [[0, 1, 2, 3]]
-    other = OccupancyGrid.unknown(GridSpec(0.1, 4, 1, (1.0, 0.0)))
-    with pytest.raises(InvalidValueError, match="one grid"):
-        fuse(network, GroundEvidence(other, nothing, ground))
+def test_points_on_a_mark_speak_for_an_obstacle_and_never_for_grass() -> None:
+    points = np.array([[[0, 5, 0, 0], [0, 5, 1, 0], [0, 0, 2, 0], [0, 3, 0, 4]]], np.uint32)
+    marks = np.array([[True, True, True, True]])
+    told = with_marks(points, marks)
+    assert not told[..., MapClass.GRASS].any()
+    assert (told[..., MapClass.OBSTACLE] > 1000).all()
+    assert told[..., MapClass.PERSON].tolist() == [[0, 0, 0, 4]]
+    np.testing.assert_array_equal(with_marks(points, ~marks), points)
 
 
 @pytest.mark.parametrize("slope_deg", [0.0, 10.0])
@@ -377,7 +380,7 @@ def test_both_together_miss_less_than_each_alone(slope_deg: float) -> None:
     assert len(fused.cells) < 0.4 * len(semantic.cells)
     assert fused.d_min_m(0.05).sum() < semantic.d_min_m(0.05).sum()
     truth = compared[0].reference.is_obstacle
-    alone = marks(frame).grid.is_obstacle
+    alone = marks(frame).marks
     known = compared[0].predicted.classes > 0
     assert (truth & known & ~alone).sum() > len(fused.cells)
 
@@ -397,10 +400,10 @@ def test_the_living_map_takes_a_geometric_mark_for_an_obstacle() -> None:
 
     mapper = ObstacleMapper(AllGrass(), config)
     step = mapper.step(frame)
-    assert step.geometry is not None
+    assert step.observation.geometry is not None
     assert mapper.map is not None
     here, there = overlap(step.seen.spec, mapper.map.spec)
-    marked, living = step.geometry.grid.is_obstacle[here], mapper.map.is_obstacle[there]
+    marked, living = step.observation.geometry.marks[here], mapper.map.is_obstacle[there]
     columns, rows = (np.arange(n) for n in step.seen.spec.shape[::-1])
     near = step.seen.spec.center_of(np.stack(np.meshgrid(columns, rows), axis=-1))
     close = (np.linalg.norm(near - frame.T_map_camera.position_m[:2], axis=-1) < 4.0)[here]

@@ -111,16 +111,16 @@ def test_what_depth_alone_marks_is_in_the_obstacle_cloud(
     blind = replace(frame, labels=np.ones_like(frame.labels))  # the network calls everything grass
 
     step = ObstacleMapper(open_segmenter(config.segmenter, frame.label_set), config).step(blind)
-    assert step.by_geometry is not None
-    assert step.by_geometry.sum() > 20
+    assert step.observation.by_geometry is not None
+    assert step.observation.by_geometry.sum() > 20
     fields = cloud_fields(*seen_in(step, config), AT, MapClass.OBSTACLE, marked_by_depth_m(step))
     _, xyz, labels = read(fields)
-    assert len(xyz) == step.by_geometry.sum()
+    assert len(xyz) == step.observation.by_geometry.sum()
     in_map = Pose("map", "optical", step.T_map_camera.matrix).apply(xyz)
     cells = step.seen.spec.cell_of(in_map[:, :2])
-    assert step.by_geometry[cells[:, 1], cells[:, 0]].all()
-    assert step.geometry is not None
-    over_ground = in_map[:, 2] - step.geometry.ground_m[cells[:, 1], cells[:, 0]]
+    assert step.observation.by_geometry[cells[:, 1], cells[:, 0]].all()
+    assert step.observation.geometry is not None
+    over_ground = in_map[:, 2] - step.observation.geometry.ground_m[cells[:, 1], cells[:, 0]]
     np.testing.assert_allclose(over_ground, ABOVE_GROUND_M, atol=1e-4)
     assert (in_map[:, 2] < config.cloud.max_height_m).all()
     table = step.segmentation.label_set.map_class_table

@@ -68,8 +68,8 @@ def test_the_word_none_takes_a_value_away_where_there_may_be_none() -> None:
         ({"queue_frames": 0}, "queue_frames"),
         ({"image_reliability": "maybe"}, "best_effort, reliable"),
         ({"cloud.min_range_m": 9.0}, "min_range_m below max_range_m"),
-        ({"cloud.voxel_m": 0.05}, "road: staged"),
-        ({"road.length": 1.0}, "road"),
+        ({"cloud.voxel_m": 0.05}, "backend: plain"),
+        ({"backend.length": 1.0}, "backend"),
     ],
 )
 def test_what_cannot_be_right_is_refused(values: dict[str, Any], expected: str) -> None:
@@ -135,5 +135,5 @@ def test_every_parameter_is_either_safe_or_has_a_reason(name: str) -> None:
     from swardmap.ros.parameters import refusal
 
     section = name.split(".")[0]
-    per_frame = {"cloud", "costmap", "geometry", "road", "segmenter"} | {n for n in SAFE if "." not in n}
+    per_frame = {"cloud", "costmap", "geometry", "backend", "segmenter"} | {n for n in SAFE if "." not in n}
     assert (refusal(name, Config()) is None) <= (section in per_frame or name.startswith("grid.min_"))

@@ -390,7 +390,7 @@ def test_what_a_saved_map_calls_free_is_unknown_until_all_is_well(tmp_path: Path
     living = {"grid": {"mode": "evidence"}}
     first = one_robot(living)
     first.run([0.1 * i for i in range(8)])
-    saved = first.session.engine._mapper.living
+    saved = first.session.engine._mapper.log_odds
     assert saved is not None
     write_living(saved, tmp_path / "living.npz")
     robot = one_robot({"grid": {"mode": "evidence", "resume": str(tmp_path / "living.npz")}})

@@ -46,7 +46,7 @@ def test_everything_is_written_and_reads_back(tmp_path: Path) -> None:
     assert summary["frames"] == 3
     assert summary["map"]["cells"]["person"] == run.grid.count(MapClass.PERSON) > 0
     assert sum(v for k, v in summary["pixels"].items() if k != "pixels") == summary["pixels"]["pixels"]
-    assert set(summary["timings_ms"]) == {"segment", "grid", "update"}
+    assert set(summary["timings_ms"]) == {"segment", "map"}
     assert config_from_dict(yaml.safe_load((out / "config.yaml").read_text())) == TRUTH
     assert config_from_dict(summary["config"]) == TRUTH
 
@@ -175,19 +175,22 @@ def test_both_kinds_of_evidence_are_counted_and_written(tmp_path: Path) -> None:
     run = map_recording(source(2), tmp_path / "out", config, on_step=steps.append)
     cells = json.loads((tmp_path / "out" / "summary.json").read_text())["evidence_cells"]
     assert cells == run.summary["evidence_cells"]
-    assert cells["geometric"] == sum(int(s.geometry.grid.is_obstacle.sum()) for s in steps if s.geometry)
+    assert cells["geometric"] == sum(
+        int(s.observation.geometry.marks.sum()) for s in steps if s.observation.geometry
+    )
     assert cells["fused"] == cells["semantic"] + cells["geometric"] - cells["both"]
     assert cells["both"] > 50
-    assert "geometry" in run.summary["timings_ms"]
+    assert set(run.summary["timings_ms"]) == {"segment", "map"}
     for step in steps:
-        assert step.semantic is not None
-        assert step.geometry is not None
+        assert step.observation.geometry is not None
         maps = tmp_path / "out" / "maps"
         written = [
             read_map(maps / f"{step.frame.name}{kind}.yaml") for kind in ("", "_semantic", "_geometry")
         ]
-        for grid, known in zip(written, (step.seen, step.semantic, step.geometry.grid), strict=True):
-            np.testing.assert_array_equal(grid.is_obstacle, known.is_obstacle)
+        semantic = step.observation.semantic_grid.is_obstacle
+        known = (step.seen.is_obstacle, semantic, step.observation.geometry.marks)
+        for grid, marked in zip(written, known, strict=True):
+            np.testing.assert_array_equal(grid.is_obstacle, marked)
         assert (tmp_path / "out" / "frames" / f"{step.frame.name}.png").is_file()
     plain = map_recording(source(1), None, replace(TRUTH, geometry=Config().geometry))
     assert plain.summary["evidence_cells"] is None

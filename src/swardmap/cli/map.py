@@ -53,7 +53,7 @@ def map_command(
     flags = {
         "source.format": kind, "segmenter.name": segmenter, "grid.resolution_m": resolution,
         "costmap.margin_m": margin, "output.pictures": pictures, "output.clouds": clouds,
-        **({} if resume_map is None else {"grid.mode": "evidence", "grid.resume": str(resume_map)}),
+        **({} if resume_map is None else {"grid.mode": "log_odds", "grid.resume": str(resume_map)}),
     }  # fmt: skip
     # the named options are the last word: they are the most explicit ones
     overrides = [

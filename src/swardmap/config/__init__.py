@@ -58,10 +58,10 @@ class Config(Checked):
     area: AreaConfig = field(default_factory=AreaConfig)
     watchdog: WatchdogConfig = field(default_factory=WatchdogConfig)
     output: OutputConfig = field(default_factory=OutputConfig)
-    road: str = setting(
-        "fused",
-        "from depth to grid: fused (compiled) or staged (NumPy); cell for cell the same",
-        choices=("fused", "staged"),
+    backend: str = setting(
+        "compiled",
+        "passes over the pixels: compiled, or plain NumPy; cell for cell the same",
+        choices=("compiled", "plain"),
     )
 
 
@@ -91,13 +91,33 @@ def load_config(
     return config_from_dict(tree)
 
 
+RENAMED_VALUES: Mapping[tuple[str, str], Mapping[str, str]] = {
+    ("", "backend"): {"fused": "compiled", "staged": "plain"},
+    ("grid", "mode"): {"paper": "last_seen", "evidence": "log_odds"},
+}
+"""What values were called in earlier versions, by section and key; files and command lines keep working."""
+
+
+def _with_present_names(tree: Mapping[str, Any]) -> dict[str, Any]:
+    """A tree in which keys and values of earlier versions have the names they have now (docs/moved.md)."""
+    present = dict(tree)
+    if "road" in present:
+        present.setdefault("backend", present.pop("road"))
+    for (section, key), names in RENAMED_VALUES.items():
+        part = present.get(section) if section else present
+        if isinstance(part, Mapping) and isinstance(part.get(key), str) and part[key] in names:
+            changed = {**part, key: names[part[key]]}
+            present = {**present, section: changed} if section else changed
+    return present
+
+
 def config_from_dict(tree: Mapping[str, Any]) -> Config:
     """Build the configuration from a nested dict with any part of the tree.
 
     Raises:
         ConfigError: for an unknown key (with the nearest known one), a wrong type, a value out of range.
     """
-    built = build(Config, tree)
+    built = build(Config, _with_present_names(tree))
     assert isinstance(built, Config)  # noqa: S101 - narrows the type; build returns its first argument's
     return built
 

@@ -21,10 +21,10 @@ class CloudConfig(Checked):
         0.03, "about the same: within this share of the depth ...", minimum=0
     )
     consistency_m: float = setting(0.02, "... plus this many metres", minimum=0)
-    voxel_m: float = setting(0.0, "edge of the voxel grid; 0 = none; needs the staged road", minimum=0)
+    voxel_m: float = setting(0.0, "edge of the voxel grid; 0 = none; needs backend: plain", minimum=0)
     outliers: str = setting(
         "none",
-        "outlier removal after the voxel grid; needs the staged road",
+        "outlier removal after the voxel grid; needs backend: plain",
         choices=("none", "statistical", "radius"),
     )
     outlier_neighbours: int = setting(20, "statistical: k; radius: fewest neighbours", minimum=1)
@@ -45,9 +45,9 @@ class GridConfig(Checked):
     """The occupancy grid (Sec. 3.5)."""
 
     mode: str = setting(
-        "paper",
-        "paper: the last frame that saw a cell decides; evidence: all of them do, see `evidence`",
-        choices=("paper", "evidence"),
+        "last_seen",
+        "last_seen: the last frame that saw a cell decides (the paper); log_odds: all do, see `evidence`",
+        choices=("last_seen", "log_odds"),
     )
     resolution_m: float = setting(0.05, "edge of a cell", minimum=1e-3, maximum=10)
     min_points: int = setting(1, "points of obstacle or person that mark a cell", minimum=1)
@@ -60,12 +60,12 @@ class GridConfig(Checked):
         1, "frames that must see grass before an obstacle cell is cleared (paper: 1)", minimum=1, maximum=255
     )
     person_clear_frames: int = setting(3, "the same for a person cell", minimum=1, maximum=255)
-    resume: str | None = setting(None, "living.npz of an earlier run to go on from; needs mode: evidence")
+    resume: str | None = setting(None, "living.npz of an earlier run to go on from; needs mode: log_odds")
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.resume is not None and self.mode != "evidence":
-            raise ConfigError("grid: expected mode: evidence beside resume; only living maps can be resumed")
+        if self.resume is not None and self.mode != "log_odds":
+            raise ConfigError("grid: expected mode: log_odds beside resume; no other map can be resumed")
         if (self.origin_m is None) != (self.size_m is None):
             raise ConfigError("grid: expected origin_m and size_m together, got only one of them")
 
@@ -102,7 +102,7 @@ class GeometryConfig(Checked):
 
 @dataclass(frozen=True)
 class EvidenceConfig(Checked):
-    """The living map (grid.mode: evidence): how much a sighting counts, in nats of log-odds."""
+    """The map of log-odds (grid.mode: log_odds): how much a sighting counts, in nats of log-odds."""
 
     obstacle_gain: float = setting(1.0, "one sighting of an obstacle at no distance", minimum=0, maximum=30)
     person_gain: float = setting(2.0, "the same of a person", minimum=0, maximum=30)

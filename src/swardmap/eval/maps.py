@@ -16,8 +16,7 @@ from swardmap.geometry import Pose
 from swardmap.grid import GridSpec, OccupancyGrid, classify_cells, count_points
 from swardmap.labels import MapClass
 from swardmap.perception.cloud import crop_height
-from swardmap.perception.geometric_obstacles import see_ground, with_ground
-from swardmap.pipeline import semantic_grid, view_spec
+from swardmap.pipeline import observe, view_spec
 from swardmap.types import Frame, LabeledCloud, Segmentation
 
 PROTOCOLS = ("dense", "paper")
@@ -136,9 +135,7 @@ def frame_map(
         spec: grid to use; None = all that the camera can see.
     """
     spec = spec or spec_of(frame, T_map_camera, config)
-    geometry = see_ground(frame, T_map_camera, spec, config)
-    grid, _ = semantic_grid(frame, segmentation, T_map_camera, spec, config, geometry)
-    return with_ground(grid, geometry, config)
+    return observe(frame, segmentation, T_map_camera, spec, config).grid
 
 
 def cloud_map(cloud: LabeledCloud, T_map_cloud: Pose, config: Config, spec: GridSpec) -> OccupancyGrid:
@@ -153,10 +150,8 @@ def cloud_map(cloud: LabeledCloud, T_map_cloud: Pose, config: Config, spec: Grid
         spec: grid of the predicted map.
     """
     known = cloud[cloud.label_set.map_class_table[cloud.labels] != MapClass.UNKNOWN]
-    renamed = Pose(T_map_cloud.parent, known.frame_id, T_map_cloud.matrix)
-    in_grid = crop_height(
-        known.transformed(spec.T_grid_map @ renamed), config.cloud.min_height_m, config.cloud.max_height_m
-    )
+    in_grid = known.transformed(spec.T_grid_map @ T_map_cloud.of_child(known.frame_id))
+    in_grid = crop_height(in_grid, config.cloud.min_height_m, config.cloud.max_height_m)
     counts, _ = count_points(in_grid, spec)
     return OccupancyGrid(spec, classify_cells(counts, 1), cloud.stamp_ns)
 

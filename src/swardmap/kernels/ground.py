@@ -1,8 +1,8 @@
 """The two passes over the pixels of `geometric_obstacles`, compiled (twins: its NumPy functions)."""
 
-import numba as nb
 import numpy as np
 
+from swardmap.kernels.compiled import compiled
 from swardmap.kernels.grid import FAR_AWAY, _agreeing_row, _depth_row
 
 PER_METRE = np.float32(10000)
@@ -12,7 +12,7 @@ HIGHEST = np.int64(2**31 - 1)
 """Lowest height of a cell without points."""
 
 
-@nb.njit(cache=True, nogil=True, inline="never")
+@compiled(inline="never")
 def _place_row(z_row, ray_x, ray_y, T, per_metre, keep, width, height, cell, tenths):  # type: ignore[no-untyped-def]
     """Cell of each pixel of a row, or -1, and its height; as kernels.grid._index_row does it."""
     t00, t01, t02, t03 = T[0, 0], T[0, 1], T[0, 2], T[0, 3]
@@ -32,7 +32,7 @@ def _place_row(z_row, ray_x, ray_y, T, per_metre, keep, width, height, cell, ten
         tenths[u] = np.int32(np.floor(up * PER_METRE)) if inside else none
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled()
 def sum_heights(  # type: ignore[no-untyped-def]
     depth, unit_m, ray_x, ray_y, T, limits, needed, width, height, per_metre, cells, sums
 ):
@@ -77,7 +77,7 @@ def sum_heights(  # type: ignore[no-untyped-def]
                 sums[row[u], 2] = min(sums[row[u], 2], np.int64(tenths[u]))
 
 
-@nb.njit(cache=True, nogil=True, inline="never")
+@compiled(inline="never")
 def _judge_row(depth, unit_m, ray_x, tail, up, limits, cell, floor_m, ground_m, index):  # type: ignore[no-untyped-def]
     """Counter of each pixel of a row: of its cell's points above, or below, or the one for the rest."""
     lowest, highest, hole, noise = limits
@@ -97,7 +97,7 @@ def _judge_row(depth, unit_m, ray_x, tail, up, limits, cell, floor_m, ground_m, 
         index[u] = i if cell[u] >= 0 else rest
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled()
 def count_off_ground(depth, unit_m, ray_x, ray_y, up, limits, cells, floor_m, ground_m, counts):  # type: ignore[no-untyped-def]  # fmt: skip
     """How many points of each cell rise above the ground, and how many lie below it.
 

@@ -5,11 +5,12 @@ Float64 throughout and whole numbers for evidence, so that both twins agree bit 
 
 import math
 
-import numba as nb
 import numpy as np
 
+from swardmap.kernels.compiled import compiled
 
-@nb.njit(cache=True, nogil=True)
+
+@compiled()
 def cells_passed(points, x, y, back, min_points, min_grass_points, passed):  # type: ignore[no-untyped-def]
     """evidence.cells_passed.
 
@@ -41,7 +42,7 @@ def cells_passed(points, x, y, back, min_points, min_grass_points, passed):  # t
                 passed[cy, cx] = True
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled()
 def _class_seen(c, evidence, person, mark, free, clear):  # type: ignore[no-untyped-def]
     """Class of a cell that was seen: a hazard until cleared, marked, free, in doubt, or as before."""
     hazard = c >= 2
@@ -54,7 +55,7 @@ def _class_seen(c, evidence, person, mark, free, clear):  # type: ignore[no-unty
     return np.uint8(0) if evidence > 0 else c
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled()
 def update_cells(  # type: ignore[no-untyped-def]
     points, passed, x, y, half, corner_x, corner_y, model, evidence, person, classes
 ):

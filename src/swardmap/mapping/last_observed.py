@@ -1,27 +1,22 @@
 """When each cell was last seen, so that what has not been seen for long is not given as free.
 
-Kept beside a map of either mode, on the same lattice, in tiles: memory follows the area visited.
+Kept beside a map of either mode, on the same lattice.
 """
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swardmap.grid import GridSpec, OccupancyGrid, overlap
+from swardmap.grid import GridSpec, OccupancyGrid
 from swardmap.labels import MapClass
-
-TILE = 128
-"""Cells along the edge of a tile."""
+from swardmap.mapping.tiles import TILE, Lattice, TileKey
+from swardmap.perception.observation import Observation
 
 NEVER = np.int64(np.iinfo(np.int64).min)
 
-TileKey = tuple[int, int]
-Slices = tuple[slice, slice]
 
-
-class Freshness:
+class LastObserved:
     """Remembers the stamp of the last frame that knew each cell (8 bytes a cell, 131 kB a tile).
 
     Args:
@@ -29,7 +24,7 @@ class Freshness:
     """
 
     def __init__(self, corner_cell: GridSpec) -> None:
-        self._corner = replace(corner_cell, width=1, height=1)
+        self._lattice = Lattice.around(corner_cell)
         self._tiles: dict[TileKey, NDArray[np.int64]] = {}
 
     @property
@@ -37,10 +32,10 @@ class Freshness:
         """Memory of all tiles."""
         return sum(tile.nbytes for tile in self._tiles.values())
 
-    def integrate(self, seen: OccupancyGrid) -> None:
-        """Take one frame's grid: the cells that it knows were seen at its stamp."""
+    def integrate(self, seen: Observation) -> None:
+        """Take one frame: the cells that it knows were seen at its stamp."""
         known = seen.classes != MapClass.UNKNOWN
-        for key, here, there in self._overlapped(seen.spec):
+        for key, here, there in self._lattice.overlapped(seen.spec):
             if not known[here].any():
                 continue
             tile = self._tiles.setdefault(key, np.full((TILE, TILE), NEVER, np.int64))
@@ -50,7 +45,7 @@ class Freshness:
     def last_seen_ns(self, spec: GridSpec) -> NDArray[np.int64]:
         """(height, width) int64 stamps of the last frame that knew each cell; NEVER where none did."""
         stamps = np.full(spec.shape, NEVER, np.int64)
-        for key, here, there in self._overlapped(spec):
+        for key, here, there in self._lattice.overlapped(spec):
             if key in self._tiles:
                 stamps[here] = self._tiles[key][there]
         return stamps
@@ -71,15 +66,4 @@ class Freshness:
 
     def keep_within(self, spec: GridSpec) -> None:
         """Drop the tiles that a grid does not overlap, such as those a rolling window has left."""
-        kept = {key for key, _, _ in self._overlapped(spec)}
-        self._tiles = {key: tile for key, tile in self._tiles.items() if key in kept}
-
-    def _overlapped(self, spec: GridSpec) -> Iterator[tuple[TileKey, Slices, Slices]]:
-        """Keys of the tiles a grid overlaps, and slices into the grid's arrays and the tile's."""
-        ix, iy = spec.offset_in(self._corner)
-        r, (x, y) = self._corner.resolution_m, self._corner.origin_m
-        for ty in range(iy // TILE, (iy + spec.height - 1) // TILE + 1):
-            for tx in range(ix // TILE, (ix + spec.width - 1) // TILE + 1):
-                corner = round(x + tx * TILE * r, 9), round(y + ty * TILE * r, 9)
-                here, there = overlap(spec, GridSpec(r, TILE, TILE, corner, self._corner.frame_id))
-                yield (tx, ty), here, there
+        self._tiles = self._lattice.kept_within(self._tiles, spec)

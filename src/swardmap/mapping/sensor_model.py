@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swardmap.config import EvidenceConfig
-from swardmap.grid import GridSpec, Sighting
+from swardmap.grid import GridSpec
 from swardmap.labels import MapClass
 
 PER_NAT = 1000
@@ -64,16 +64,22 @@ class Viewpoint:
     back: float
 
     @classmethod
-    def of(cls, sighting: Sighting, spec: GridSpec, config: EvidenceConfig, lowest_m: float) -> "Viewpoint":
+    def of(
+        cls,
+        viewpoint_m: tuple[float, float, float],
+        spec: GridSpec,
+        config: EvidenceConfig,
+        lowest_m: float,
+    ) -> "Viewpoint":
         """Viewpoint of a frame.
 
         Args:
-            sighting: what the frame's grid was made of.
+            viewpoint_m: (x, y, z) of the camera in the frame of the grid.
             spec: the frame's grid.
             config: sensor model.
             lowest_m: lowest ground there may be; the lower it is, the shorter the way that is cleared.
         """
-        x, y, z = sighting.viewpoint_m
+        x, y, z = viewpoint_m
         r, above = spec.resolution_m, z - lowest_m
         back = config.ray_height_m / above if above > config.ray_height_m else 0.0
         (x0, y0) = spec.origin_m

@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from swardmap.config import CloudConfig
 from swardmap.errors import InvalidValueError
-from swardmap.geometry import deproject
+from swardmap.geometry import Pose, deproject
 from swardmap.types import Frame, LabeledCloud, Segmentation
 
 FAR_AWAY = np.float32(-1e6)
@@ -77,6 +78,38 @@ def consistent_depth(
         neighbour = padded[1 + dv : 1 + dv + height, 1 + du : 1 + du + width]
         agreeing += np.abs(center - neighbour) <= tolerance
     return np.where(agreeing >= neighbours, depth_m, np.float32(np.nan))
+
+
+def filtered_cloud(frame: Frame, segmentation: Segmentation, config: CloudConfig) -> LabeledCloud:
+    """The labelled cloud of a frame after range crop and consistency filter, in the camera frame."""
+    depth_m = crop_range(frame.depth_m, config.min_range_m, config.max_range_m)
+    depth_m = consistent_depth(
+        depth_m, config.consistent_neighbours, config.consistency_relative, config.consistency_m
+    )
+    return label_cloud(frame, segmentation, depth_m)
+
+
+def within_height(
+    cloud: LabeledCloud,
+    T_parent_camera: Pose,
+    config: CloudConfig,
+    above_lawn: NDArray[np.float32] | None = None,
+) -> LabeledCloud:
+    """The points whose z or whose height above the lawn is within the limits, in the parent's frame.
+
+    Args:
+        cloud: of the camera.
+        T_parent_camera: its pose, z of the parent up.
+        config: the limits.
+        above_lawn: see `count_plain`.
+    """
+    lowest, highest = np.float32(config.min_height_m), np.float32(config.max_height_m)
+    moved = cloud.transformed(T_parent_camera)
+    heights = [moved.xyz[:, 2]]
+    if above_lawn is not None:
+        (a, b, c, d), (x, y, z) = above_lawn, cloud.xyz.T
+        heights.append(a * x + b * y + c * z + d)  # in the kernel's order of operations
+    return moved[np.logical_or.reduce([(h >= lowest) & (h <= highest) for h in heights])]
 
 
 def crop_height(cloud: LabeledCloud, min_m: float, max_m: float) -> LabeledCloud:

@@ -3,15 +3,14 @@
 The passes over the pixels are here twice, in NumPy and compiled; the ground itself is `ground_fit`'s.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swardmap.config import CloudConfig, Config, GeometryConfig
-from swardmap.errors import InvalidValueError
+from swardmap.config import CloudConfig, GeometryConfig
 from swardmap.geometry import Pose, deproject, transform_points
-from swardmap.grid import GridSpec, OccupancyGrid, Sighting
+from swardmap.grid import GridSpec
 from swardmap.labels import MapClass
 from swardmap.perception.cloud import consistent_depth, crop_range
 from swardmap.perception.ground_surface import HIGHEST, PER_METRE, Float32, Ground, Sums, fit_ground
@@ -20,18 +19,17 @@ from swardmap.types import Frame
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GroundEvidence:
-    """What depth alone says about the cells of one frame.
+    """What depth alone says about the cells of one frame; it never says that a cell is free.
 
     Attributes:
-        grid: OBSTACLE where something stands or a hole gapes, UNKNOWN elsewhere; never GRASS, since
-            flat is not the same as grass.
-        holes: (height, width) bool, the obstacle cells with points below the ground.
+        marks: (height, width) bool, where something stands or a hole gapes.
+        holes: (height, width) bool, the marks with points below the ground.
         ground_m: (height, width) float32 height of the ground in the grid's frame; NaN where not seen.
         above_lawn: (4,) float32 a, b, c, d: height a x + b y + c z + d of a point of the camera above the
             plane of the lawn; None = no ground was seen.
     """
 
-    grid: OccupancyGrid
+    marks: NDArray[np.bool_]
     holes: NDArray[np.bool_]
     ground_m: Float32
     above_lawn: Float32 | None = None
@@ -41,26 +39,20 @@ ALWAYS_ENOUGH = 1_000_000
 """Points that mark a cell whatever `grid.min_points` is: the geometric rule has counted already."""
 
 
-def fuse(semantic: OccupancyGrid, evidence: GroundEvidence) -> OccupancyGrid:
-    """Both kinds of evidence in one grid: a mark of either is a mark; only grass seen as such is free.
-
-    Raises:
-        InvalidValueError: if the two grids are not one and the same lattice.
-    """
-    if semantic.spec != evidence.grid.spec:
-        raise InvalidValueError(f"fuse: expected one grid, got {semantic.spec} and {evidence.grid.spec}")
-    classes = np.maximum(semantic.classes, evidence.grid.classes)
-    sighting = semantic.sighting and _sighting_of_both(semantic.sighting, evidence.grid.is_obstacle)
-    return replace(semantic, classes=classes, sighting=sighting)
-
-
-def _sighting_of_both(sighting: Sighting, marks: NDArray[np.bool_]) -> Sighting:
-    """Points on a geometric mark speak for an obstacle: the living map must not take them for grass."""
-    points = sighting.points.copy()
+def with_marks(points: NDArray[np.uint32], marks: NDArray[np.bool_]) -> NDArray[np.uint32]:
+    """Points in which those on a geometric mark speak for an obstacle: no map must take them for grass."""
+    points = points.copy()
     hazard = points[marks, MapClass.OBSTACLE] + points[marks, MapClass.GRASS]
     points[marks, MapClass.OBSTACLE] = np.maximum(hazard, ALWAYS_ENOUGH)
     points[marks, MapClass.GRASS] = 0
-    return replace(sighting, points=points)
+    return points
+
+
+def marks_alone(marks: NDArray[np.bool_]) -> NDArray[np.uint32]:
+    """Points of a frame whose classes are not asked: obstacles on the marks, nothing elsewhere."""
+    points = np.zeros((*marks.shape, 4), np.uint32)
+    points[marks, MapClass.OBSTACLE] = ALWAYS_ENOUGH
+    return points
 
 
 def observe_ground(
@@ -85,12 +77,12 @@ def observe_ground(
         min_points: points above (below) that make a cell an obstacle (a hole).
         compiled: the fast twin of the two passes over the pixels; the result is the same.
     """
-    T_grid_camera = spec.T_grid_map @ Pose(T_map_camera.parent, "camera", T_map_camera.matrix)
+    T_grid_camera = spec.T_grid_map @ T_map_camera.of_child("camera")
     cells, sums = (_fast_sums if compiled else _plain_sums)(frame, T_grid_camera, spec, cloud)
     ground = fit_ground(sums, spec, config, min_points)
     if ground is None:
-        nothing = replace(OccupancyGrid.unknown(spec), stamp_ns=frame.stamp_ns)
-        return GroundEvidence(nothing, np.zeros(spec.shape, bool), np.full(spec.shape, np.nan, np.float32))
+        nothing = np.zeros(spec.shape, bool)
+        return GroundEvidence(nothing, nothing, np.full(spec.shape, np.nan, np.float32))
     a, b, c = ground.plane
     R, t = T_grid_camera.matrix[:3, :3], T_grid_camera.position_m
     normal = np.array([-a, -b, 1.0])  # height above the plane = normal . p - c
@@ -101,40 +93,10 @@ def observe_ground(
     )  # fmt: skip
     counts = (_fast_counts if compiled else _plain_counts)(frame, up, limits, cells, ground)
     above, below = (counts[:, i].reshape(spec.shape) >= min_points for i in (0, 1))
-    classes = np.where(above | below, MapClass.OBSTACLE, MapClass.UNKNOWN).astype(np.uint8)
     y, x = (((np.arange(n) + 0.5) * spec.resolution_m).astype(np.float32) for n in spec.shape)
     plane_m = np.float32(a) * x + (np.float32(b) * y + np.float32(c))[:, None]
     height_m = ground.offset_m.reshape(spec.shape) + plane_m
-    grid = OccupancyGrid(spec, classes, frame.stamp_ns)
-    return GroundEvidence(grid, below, height_m, up)
-
-
-def see_ground(frame: Frame, T_map_camera: Pose, spec: GridSpec, config: Config) -> GroundEvidence | None:
-    """What depth alone says of a frame; None if it is switched off.
-
-    Args:
-        frame: its depth is used.
-        T_map_camera: pose of the camera in the grid's frame.
-        spec: the grid.
-        config: `geometry` says what is switched on, `road` which twin computes it.
-    """
-    if not config.geometry.enabled:
-        return None
-    return observe_ground(
-        frame, T_map_camera, spec, config.cloud, config.geometry, config.grid.min_points,
-        compiled=config.road == "fused",
-    )  # fmt: skip
-
-
-def with_ground(semantic: OccupancyGrid, evidence: GroundEvidence | None, config: Config) -> OccupancyGrid:
-    """The frame's grid from all the evidence that is switched on."""
-    if evidence is None:
-        return semantic
-    if config.geometry.semantics:
-        return fuse(semantic, evidence)
-    points = np.zeros((*evidence.grid.spec.shape, 4), np.uint32)
-    points[evidence.grid.is_obstacle, MapClass.OBSTACLE] = ALWAYS_ENOUGH
-    return replace(evidence.grid, sighting=semantic.sighting and replace(semantic.sighting, points=points))
+    return GroundEvidence(above | below, below, height_m, up)
 
 
 def _depth_limits(cloud: CloudConfig) -> Float32:

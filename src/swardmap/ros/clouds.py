@@ -126,12 +126,12 @@ def cloud_fields(
 
 def marked_by_depth_m(step: StepResult) -> NDArray[np.float32]:
     """(N, 3) float32 in the optical frame: cells that depth alone marks, a little over the ground."""
-    by_depth = step.by_geometry
-    if by_depth is None or step.geometry is None or not by_depth.any():
+    seen, by_depth = step.observation, step.observation.by_geometry
+    if by_depth is None or seen.geometry is None or not by_depth.any():
         return np.zeros((0, 3), np.float32)
     rows, columns = np.nonzero(by_depth)
-    xy = step.seen.spec.center_of(np.stack([columns, rows], axis=-1))
-    ground = np.nan_to_num(step.geometry.ground_m[rows, columns])
+    xy = seen.spec.center_of(np.stack([columns, rows], axis=-1))
+    ground = np.nan_to_num(seen.geometry.ground_m[rows, columns])
     xyz = np.concatenate([xy, ground[:, None] + ABOVE_GROUND_M], axis=-1)
     return step.T_map_camera.inverse().apply(xyz).astype(np.float32)
 

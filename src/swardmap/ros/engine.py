@@ -7,17 +7,16 @@ or hangs: the lock is held for the update of the map only.
 import threading
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from swardmap.config import Config
 from swardmap.errors import InputError
 from swardmap.geometry import Pose
 from swardmap.grid import GridSpec, OccupancyGrid
-from swardmap.labels import LabelSet
 from swardmap.mapping.costmap import Costmap
-from swardmap.mapping.last_observed import Freshness
-from swardmap.mapping.log_odds_map import LivingMap
+from swardmap.mapping.last_observed import LastObserved
+from swardmap.mapping.log_odds_map import LogOddsMap
 from swardmap.mapping.work_area import WorkArea
 from swardmap.monitor.diagnostics import Diagnosis, HealthReport, frame_stats
 from swardmap.monitor.watchdog import Watchdog
@@ -33,21 +32,6 @@ REASON_UNFIT = "frame that the watchdog refused"
 REASON_LATE = "frame older than the map by more than a second"
 
 
-@dataclass(frozen=True, slots=True)
-class _Given:
-    """A segmenter that gives what was found before; the network itself runs outside the lock."""
-
-    segmentation: Segmentation
-    name: str = "given"
-
-    @property
-    def label_set(self) -> LabelSet:
-        return self.segmentation.label_set
-
-    def __call__(self, frame: Frame) -> Segmentation:  # noqa: ARG002
-        return self.segmentation
-
-
 class Engine:
     """One map, its watchdog, and the segmenter of all cameras.
 
@@ -61,7 +45,7 @@ class Engine:
         segmenter: used by the worker alone.
         mounts: T_base_camera by name of each camera, or None where it is not known.
         area: work area, whose outside is kept out of in costmaps.
-        living: saved living map to go on from; it is changed.
+        log_odds: saved map to go on from; it is changed.
     """
 
     def __init__(
@@ -70,7 +54,7 @@ class Engine:
         segmenter: Segmenter,
         mounts: Mapping[str, Pose | None],
         area: WorkArea | None = None,
-        living: LivingMap | None = None,
+        log_odds: LogOddsMap | None = None,
     ) -> None:
         self.config = config
         self.segmenter = segmenter
@@ -81,13 +65,13 @@ class Engine:
         self._map_lock, self._watch_lock = threading.Lock(), threading.Lock()
         self._watchdog = Watchdog(tuple(mounts), config.watchdog)
         self._mapper: ObstacleMapper
-        self._freshness: Freshness | None
+        self._last_observed: LastObserved | None
         self._alone: OccupancyGrid | None
         self._newest_ns: int
         self._version = 0
         self._cleared: GridSpec | None = None
         self.viewpoint_m = 0.0, 0.0
-        self._begin(living)
+        self._begin(log_odds)
 
     def map_frame(self, camera: str, frame: Frame, arrival_ns: int) -> StepResult | None:
         """Watch a frame, segment it, and put it into the map.
@@ -162,9 +146,9 @@ class Engine:
             if self._alone is not None:
                 stale = forget_before_ns is not None and grid.stamp_ns < forget_before_ns
                 return OccupancyGrid.unknown(grid.spec) if stale else grid
-            if self._freshness is None:
+            if self._last_observed is None:
                 return grid
-            return self._freshness.forget_stale(grid, forget_before_ns)
+            return self._last_observed.forget_stale(grid, forget_before_ns)
 
     def costmap(self, grid: OccupancyGrid) -> Costmap | None:
         """Costs of a snapshot."""
@@ -173,7 +157,8 @@ class Engine:
     def configure(self, config: Config) -> None:
         """Go on with other settings; those that the map is built on must be as they were."""
         with self._map_lock:
-            self.config = self._mapper.config = config
+            self._mapper.reconfigure(config)
+            self.config = config
 
     def clear(self) -> None:
         """Forget the map: all is unknown."""
@@ -198,25 +183,24 @@ class Engine:
         summary = {"frames": dict(self.mapped), "left_out": dict(self.left_out), "stamp_ns": grid.stamp_ns}
         plain = replace(self.config, output=replace(self.config.output, pictures=0))
         with new_output_folder(folder, overwrite=False) as path, self._map_lock:
-            RunWriter(path, plain).finish(grid, self.costmap(grid), summary, self._mapper.living)
+            RunWriter(path, plain).finish(grid, self.costmap(grid), summary, self._mapper.log_odds)
 
-    def _begin(self, living: LivingMap | None = None) -> None:
+    def _begin(self, log_odds: LogOddsMap | None = None) -> None:
         self._version += 1
         mount = configured_mount(self.config.mount)
-        self._mapper = ObstacleMapper(self.segmenter, self.config, mount, self._area, living)
-        self._freshness, self._alone, self._newest_ns = None, None, 0
-        if living is not None:
-            self._freshness = Freshness(living.corner_cell)  # none of it was seen in this run
+        self._mapper = ObstacleMapper(self.segmenter, self.config, mount, self._area, log_odds)
+        self._last_observed, self._alone, self._newest_ns = None, None, 0
+        if log_odds is not None:
+            self._last_observed = LastObserved(log_odds.corner_cell)  # none of it was seen in this run
 
     def _step(self, frame: Frame, segmentation: Segmentation) -> StepResult:
-        self._mapper.segmenter = _Given(segmentation)
-        step = self._mapper.step(frame)
+        step = self._mapper.integrate(frame, segmentation)
         if frame.T_map_camera is None:
             self._alone = step.seen
             return step
-        self._freshness = self._freshness or Freshness(step.seen.spec)
-        self._freshness.integrate(step.seen)
-        living = self._mapper.living
-        if living is not None and self.config.evidence.window_m is not None and living.grid is not None:
-            self._freshness.keep_within(living.grid.spec)
+        self._last_observed = self._last_observed or LastObserved(step.observation.spec)
+        self._last_observed.integrate(step.observation)
+        saved = self._mapper.log_odds
+        if saved is not None and self.config.evidence.window_m is not None and saved.grid is not None:
+            self._last_observed.keep_within(saved.grid.spec)
         return step

@@ -164,14 +164,14 @@ def parameters_from(values: Mapping[str, Any], base: Parameters | None = None) -
     node = build(NodeConfig, of_node)
     assert isinstance(node, NodeConfig)  # noqa: S101 - narrows the type
     config = config_from_dict(tree)
-    _check_road(config)
+    _check_backend(config)
     return Parameters(node, config)
 
 
-def _check_road(config: Config) -> None:
-    """What the fused road would refuse at the first frame is refused here."""
-    if config.road == "fused" and (config.cloud.voxel_m > 0 or config.cloud.outliers != "none"):
-        raise ConfigError("cloud.voxel_m and cloud.outliers need road: staged, the fused road has neither")
+def _check_backend(config: Config) -> None:
+    """What the compiled backend would refuse at the first frame is refused here."""
+    if config.backend == "compiled" and (config.cloud.voxel_m > 0 or config.cloud.outliers != "none"):
+        raise ConfigError("cloud.voxel_m and cloud.outliers need backend: plain; compiled has neither")
 
 
 ANEW = "the map would have to begin anew: set it in the parameter file, or cleanup and configure the node"
@@ -189,16 +189,16 @@ REFUSALS: Mapping[str, str] = {
 }  # fmt: skip
 """Why a section or setting is not changed while the node is configured."""
 
-FREE_IN_PAPER_MODE = frozenset({"grid.min_points", "grid.min_grass_points"})
+FREE_IN_LAST_SEEN_MODE = frozenset({"grid.min_points", "grid.min_grass_points"})
 """Read for each frame; in the mode `evidence` the map is built on them."""
 
 
 def refusal(name: str, config: Config) -> str | None:
     """Why a parameter cannot be changed while the node is configured; None if it can."""
-    if name in FREE_IN_PAPER_MODE and config.grid.mode == "paper":
+    if name in FREE_IN_LAST_SEEN_MODE and config.grid.mode == "last_seen":
         return None
     reason = REFUSALS.get(name) or REFUSALS.get(name.split(".")[0])
-    if name == "cloud.min_height_m" and config.grid.mode == "evidence":
+    if name == "cloud.min_height_m" and config.grid.mode == "log_odds":
         reason = ANEW  # the lowest ground there may be is part of the evidence
     return None if reason is None else f"{name} cannot be changed now: {reason}"
 

@@ -15,7 +15,7 @@ from swardmap.errors import SwardmapError
 from swardmap.geometry import Pose
 from swardmap.io.bags.ros_messages import pose_from_odometry, stamp_ns
 from swardmap.io.sources.pairing import COLOR
-from swardmap.mapping.log_odds_map import LivingMap
+from swardmap.mapping.log_odds_map import LogOddsMap
 from swardmap.mapping.work_area import WorkArea
 from swardmap.monitor.diagnostics import Diagnosis, Fault, HealthReport
 from swardmap.pipeline import StepResult
@@ -289,7 +289,7 @@ class Session:
         self.last_error = str(error)
 
 
-def _area_and_map(config: Config) -> tuple[WorkArea | None, LivingMap | None]:
+def _area_and_map(config: Config) -> tuple[WorkArea | None, LogOddsMap | None]:
     """The work area, and the saved map to go on from, where the configuration names them."""
     from swardmap.io.maps.area_files import read_area
     from swardmap.io.maps.log_odds_files import read_living_map

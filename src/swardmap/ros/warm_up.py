@@ -13,7 +13,7 @@ from swardmap.geometry import Intrinsics, Pose, mount_pose
 from swardmap.grid import GridSpec, OccupancyGrid
 from swardmap.labels import MapClass
 from swardmap.mapping.costmap import build_costmap
-from swardmap.mapping.last_seen_map import GridMapper
+from swardmap.mapping.last_seen_map import LastSeenMap
 from swardmap.monitor.diagnostics import frame_stats
 from swardmap.perception.align import align_depth_to_color
 from swardmap.pipeline import ObstacleMapper
@@ -39,7 +39,7 @@ def warm_up(config: Config, segmenter: Segmenter) -> None:
         SwardmapError: for settings or a network with which no frame can be mapped.
     """
     mapper = ObstacleMapper(segmenter, config)
-    grids = [GridMapper(grid, "warm_up") for grid in _grids(config.grid)]
+    grids = [LastSeenMap(grid, "warm_up") for grid in _grids(config.grid)]
     for i, (T_map_camera, (raw, unit_m)) in enumerate(product(POSES, _depth_images())):
         align_depth_to_color(raw, unit_m, SMALL, SMALL, Pose.identity("color", "depth"))
         rgb = np.full((SMALL.height, SMALL.width, 3), 90, np.uint8)
@@ -47,9 +47,9 @@ def warm_up(config: Config, segmenter: Segmenter) -> None:
         frame_stats(frame, i, T_map_camera)
         step = mapper.step(frame)
         cloud_fields(frame, step.segmentation, T_map_camera, config.cloud, (0, "warm_up"))
-        step.seen.classes[:] = MapClass.GRASS  # whatever the network said of a grey image
+        grass = np.full_like(step.observation.classes, MapClass.GRASS)  # whatever the network said of grey
         for each in grids:
-            each.integrate(step.seen)
+            each.integrate(replace(step.observation, classes=grass))
     grid = OccupancyGrid.unknown(GridSpec(config.grid.resolution_m, 8, 8, (0.0, 0.0), "warm_up"))
     grid.classes[4, 4] = MapClass.PERSON
     build_costmap(grid, config.costmap)
@@ -57,10 +57,10 @@ def warm_up(config: Config, segmenter: Segmenter) -> None:
 
 def _grids(config: GridConfig) -> Iterator[GridConfig]:
     """As configured, and such that lie within the view or around it."""
-    yield replace(config, mode="paper", resume=None)
+    yield replace(config, mode="last_seen", resume=None)
     for half_m in (1.0, 50.0):
         corner, size = (-half_m, -half_m), (2 * half_m, 2 * half_m)
-        yield replace(config, mode="paper", resume=None, origin_m=corner, size_m=size)
+        yield replace(config, mode="last_seen", resume=None, origin_m=corner, size_m=size)
 
 
 def _depth_images() -> Iterator[tuple[NDArray[Any], float]]:

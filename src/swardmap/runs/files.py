@@ -12,8 +12,11 @@ OUT/summary.json, config.yaml what was counted, and all settings used
 """
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from swardmap.config import Config, config_to_yaml
 from swardmap.grid import OccupancyGrid
@@ -22,8 +25,9 @@ from swardmap.io.files import write_bytes, write_text
 from swardmap.io.images import encode_png
 from swardmap.io.maps.log_odds_files import write_living
 from swardmap.io.maps.map_files import write_costmap, write_map
+from swardmap.labels import MapClass
 from swardmap.mapping.costmap import Costmap
-from swardmap.mapping.log_odds_map import LivingMap
+from swardmap.mapping.log_odds_map import LogOddsMap
 from swardmap.pipeline import ObstacleMapper, StepResult
 
 
@@ -51,9 +55,11 @@ class RunWriter:
             write_cloud(step.cloud(self._config), self._folder / "clouds" / f"{name}.{output.clouds}")
         if output.frame_maps or step.frame.T_map_camera is None:
             write_map(step.seen, self._folder / "maps" / f"{name}.yaml")
-            if step.geometry is not None and step.semantic is not None:
-                write_map(step.semantic, self._folder / "maps" / f"{name}_semantic.yaml")
-                write_map(step.geometry.grid, self._folder / "maps" / f"{name}_geometry.yaml")
+            if step.observation.geometry is not None:
+                marks = np.where(step.observation.geometry.marks, np.uint8(MapClass.OBSTACLE), np.uint8(0))
+                geometry = replace(step.seen, classes=marks)
+                write_map(step.observation.semantic_grid, self._folder / "maps" / f"{name}_semantic.yaml")
+                write_map(geometry, self._folder / "maps" / f"{name}_geometry.yaml")
         if self._every and (self._frames - 1) % self._every == 0:
             self._write_picture(name, step, mapper)
 
@@ -62,13 +68,13 @@ class RunWriter:
         grid: OccupancyGrid | None,
         costmap: Costmap | None,
         summary: dict[str, Any],
-        living: LivingMap | None = None,
+        log_odds: LogOddsMap | None = None,
     ) -> None:
         """Write the accumulated map, its evidence if it has any, and the summary."""
         from swardmap.viz.pictures import costmap_picture, map_picture
 
-        if living is not None:
-            write_living(living, self._folder / "living.npz")
+        if log_odds is not None:
+            write_living(log_odds, self._folder / "living.npz")
         if grid is not None and costmap is not None:
             write_map(grid, self._folder / "map.yaml")
             write_costmap(costmap, self._folder / "costmap.yaml")
@@ -88,7 +94,7 @@ class RunWriter:
             step.seen,
             costs=None if costmap is None else costmap.costs,
             T_map_camera=step.T_map_camera,
-            by_geometry=step.by_geometry,
+            by_geometry=step.observation.by_geometry,
         )
         write_bytes(self._folder / "frames" / f"{name}.png", encode_png(picture), durable=False)
 

@@ -20,7 +20,7 @@ from swardmap.io import FrameSource, open_source
 from swardmap.labels import MapClass
 from swardmap.mapping.costmap import Costmap
 from swardmap.mapping.work_area import WorkArea
-from swardmap.perception.frame_grid import PixelCounts
+from swardmap.perception.observation import PixelCounts
 from swardmap.pipeline import ObstacleMapper, StepResult, configured_mount
 from swardmap.runs.versions import versions
 from swardmap.segmenter import Segmenter
@@ -63,16 +63,17 @@ class RunTotals:
 
 def evidence_cells(step: StepResult) -> dict[str, int]:
     """Cells of one frame by what marked them; empty if geometry is switched off."""
-    if step.geometry is None or step.semantic is None:
+    seen, geometry = step.observation, step.observation.geometry
+    if geometry is None:
         return {}
-    named, marked = step.semantic.is_obstacle, step.geometry.grid.is_obstacle
+    named, marked = seen.semantic >= MapClass.OBSTACLE, geometry.marks
     return {
         "semantic": int(named.sum()),
         "geometric": int(marked.sum()),
-        "holes": int(step.geometry.holes.sum()),
+        "holes": int(geometry.holes.sum()),
         "both": int((named & marked).sum()),
-        "geometric_over_grass": int((marked & (step.semantic.classes == MapClass.GRASS)).sum()),
-        "fused": step.seen.count(MapClass.OBSTACLE) + step.seen.count(MapClass.PERSON),
+        "geometric_over_grass": int((marked & (seen.semantic == MapClass.GRASS)).sum()),
+        "fused": int((seen.classes >= MapClass.OBSTACLE).sum()),
     }
 
 
@@ -144,8 +145,8 @@ def build_mapper(segmenter: Segmenter, config: Config) -> ObstacleMapper:
     from swardmap.io.maps.area_files import read_area
     from swardmap.io.maps.log_odds_files import read_living_map
 
-    living = None if config.grid.resume is None else read_living_map(config.grid.resume, config)
-    return ObstacleMapper(segmenter, config, configured_mount(config.mount), read_area(config.area), living)
+    saved = None if config.grid.resume is None else read_living_map(config.grid.resume, config)
+    return ObstacleMapper(segmenter, config, configured_mount(config.mount), read_area(config.area), saved)
 
 
 class _InterruptedError(Exception):
@@ -194,7 +195,7 @@ def _mapped(
     summary["work_area"] = None if mapper.area is None else _area_facts(mapper.area, grid)
     summary["mount"] = mount | ({} if T_base_camera is None else _mount_facts(T_base_camera))
     if writer is not None:
-        writer.finish(grid, costmap, summary, mapper.living)
+        writer.finish(grid, costmap, summary, mapper.log_odds)
     run = MapRun(grid, costmap, totals, summary)
     if interrupted:
         raise _InterruptedError(run)
@@ -242,7 +243,7 @@ def _mounted(frames: Iterator[Frame], mapper: ObstacleMapper, mount: dict[str, s
             from swardmap.perception.ground_plane import estimate_mount
 
             # not by its true labels: an evaluation must not profit from them
-            mapper.T_base_camera = estimate_mount(replace(frame, labels=None))
+            mapper.mounted(estimate_mount(replace(frame, labels=None)))
             mount["source"] = f"measured from the ground in frame {frame.name}, the first without a pose"
         yield frame
 

@@ -12,7 +12,7 @@ from swardmap.geometry import Intrinsics
 from swardmap.io.maps.log_odds_files import read_living, write_living
 from swardmap.io.maps.map_files import read_map
 from swardmap.labels import MapClass
-from swardmap.mapping.log_odds_map import LivingMap
+from swardmap.mapping.log_odds_map import LogOddsMap
 from swardmap.models.oracle import TruthSegmenter
 from swardmap.pipeline import ObstacleMapper
 from swardmap.runs.recording import map_recording
@@ -28,15 +28,15 @@ def source(n: int = 3) -> AnalyticSource:
     return AnalyticSource(garden_scene(0), tuple(lane_poses(n, step_m=0.4)), SMALL)
 
 
-def driven(n: int = 3) -> LivingMap:
+def driven(n: int = 3) -> LogOddsMap:
     mapper = ObstacleMapper(TruthSegmenter(source().label_set), CONFIG)
     for frame in source(n):
         mapper.step(frame)
-    assert mapper.living is not None
-    return mapper.living
+    assert mapper.log_odds is not None
+    return mapper.log_odds
 
 
-def same(one: LivingMap, two: LivingMap) -> bool:
+def same(one: LogOddsMap, two: LogOddsMap) -> bool:
     return one.tiles.keys() == two.tiles.keys() and all(
         np.array_equal(getattr(one.tiles[key], name), getattr(two.tiles[key], name))
         for key in one.tiles
@@ -47,7 +47,7 @@ def same(one: LivingMap, two: LivingMap) -> bool:
 def test_round_trip_loses_nothing_and_unknown_stays_unknown(tmp_path: Path) -> None:
     living = driven()
     write_living(living, tmp_path / "a.npz")
-    again = LivingMap(CONFIG.grid)
+    again = LogOddsMap(CONFIG.grid)
     read_living(tmp_path / "a.npz", again)
     assert same(living, again)
     assert living.grid is not None
@@ -55,7 +55,7 @@ def test_round_trip_loses_nothing_and_unknown_stays_unknown(tmp_path: Path) -> N
     assert again.grid.spec == living.grid.spec
     assert again.grid.count(MapClass.UNKNOWN) == living.grid.count(MapClass.UNKNOWN) > 0
     assert again.stamp_ns == living.stamp_ns > 0
-    write_living(LivingMap(CONFIG.grid), tmp_path / "empty.npz")
+    write_living(LogOddsMap(CONFIG.grid), tmp_path / "empty.npz")
     read_living(tmp_path / "empty.npz", again)
     assert again.grid is None
 
@@ -63,13 +63,13 @@ def test_round_trip_loses_nothing_and_unknown_stays_unknown(tmp_path: Path) -> N
 def test_a_loaded_map_goes_on_as_if_it_had_never_stopped(tmp_path: Path) -> None:
     whole, stopped = driven(6), driven(3)
     write_living(stopped, tmp_path / "a.npz")
-    resumed = LivingMap(CONFIG.grid, CONFIG.evidence, CONFIG.cloud.min_height_m)
+    resumed = LogOddsMap(CONFIG.grid, CONFIG.evidence, CONFIG.cloud.min_height_m)
     read_living(tmp_path / "a.npz", resumed)
     mapper = ObstacleMapper(TruthSegmenter(source().label_set), CONFIG)
     for i, frame in enumerate(source(6)):
         step = mapper.step(frame)
         if i >= 3:
-            resumed.integrate(step.seen)
+            resumed.integrate(step.observation)
     assert same(whole, resumed)
 
 
@@ -77,7 +77,7 @@ def test_map_writes_the_map_and_its_evidence(tmp_path: Path) -> None:
     run = map_recording(source(), tmp_path / "out", CONFIG)
     assert run.grid is not None
     np.testing.assert_array_equal(read_map(tmp_path / "out" / "map.yaml").classes, run.grid.classes)
-    again = LivingMap(CONFIG.grid)
+    again = LogOddsMap(CONFIG.grid)
     read_living(tmp_path / "out" / "living.npz", again)
     assert again.grid is not None
     np.testing.assert_array_equal(again.grid.classes, run.grid.classes)
@@ -119,9 +119,9 @@ def test_a_file_that_frees_cells_without_evidence_is_refused(tmp_path: Path) -> 
     with np.load(tmp_path / "a.npz", allow_pickle=False) as archive:
         all_free = np.ones_like(archive["classes"])
     with pytest.raises(InputError, match="against its evidence"):
-        read_living(spoiled(tmp_path / "a.npz", classes=all_free), LivingMap(CONFIG.grid))
+        read_living(spoiled(tmp_path / "a.npz", classes=all_free), LogOddsMap(CONFIG.grid))
     with pytest.raises(InputError, match=r"classes 0\.\.3"):
-        read_living(spoiled(tmp_path / "a.npz", classes=all_free * 9), LivingMap(CONFIG.grid))
+        read_living(spoiled(tmp_path / "a.npz", classes=all_free * 9), LogOddsMap(CONFIG.grid))
 
 
 def test_truncated_and_foreign_files_are_one_error(tmp_path: Path) -> None:
@@ -130,9 +130,9 @@ def test_truncated_and_foreign_files_are_one_error(tmp_path: Path) -> None:
     for n, bad in enumerate((content[:200], content[: len(content) // 2], b"", b"not a map")):
         (tmp_path / f"{n}.npz").write_bytes(bad)
         with pytest.raises(InputError, match="expected a living map"):
-            read_living(tmp_path / f"{n}.npz", LivingMap(GridConfig()))
+            read_living(tmp_path / f"{n}.npz", LogOddsMap(GridConfig()))
     with pytest.raises(InputError):
-        read_living(tmp_path / "missing.npz", LivingMap(GridConfig()))
+        read_living(tmp_path / "missing.npz", LogOddsMap(GridConfig()))
 
 
 def test_a_folder_that_cannot_be_written_is_one_error(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""The living map as a NumPy archive: every tile with its evidence, so that a map goes on where it ended."""
+"""The map of log-odds as a NumPy archive, every tile with its evidence: it goes on where it ended."""
 
 from pathlib import Path
 from typing import Any
@@ -10,14 +10,15 @@ from swardmap.config import Config
 from swardmap.grid import GridSpec
 from swardmap.io.maps.npz_files import read_archive, write_archive
 from swardmap.labels import MapClass
-from swardmap.mapping.log_odds_map import TILE, LivingMap, TileKey
+from swardmap.mapping.log_odds_map import LogOddsMap
 from swardmap.mapping.sensor_model import Cells
+from swardmap.mapping.tiles import TILE, TileKey
 
 VERSION = 1
 DTYPES = {"keys": np.int64, "evidence": np.int16, "person": np.int16, "classes": np.uint8}
 
 
-def write_living(living: LivingMap, path: str | Path) -> None:
+def write_living(living: LogOddsMap, path: str | Path) -> None:
     """Write all tiles as .npz: keys (N, 2), evidence, person and classes (N, 128, 128), and where they lie.
 
     Raises:
@@ -41,7 +42,7 @@ def write_living(living: LivingMap, path: str | Path) -> None:
     write_archive(path, arrays)
 
 
-def read_living(path: str | Path, into: LivingMap) -> None:
+def read_living(path: str | Path, into: LogOddsMap) -> None:
     """Fill an empty or used living map with what `write_living` wrote; it must be on the same lattice.
 
     Args:
@@ -59,7 +60,7 @@ def read_living(path: str | Path, into: LivingMap) -> None:
     read_archive(path, "a living map", restore)
 
 
-def read_living_map(path: str | Path, config: Config) -> LivingMap:
+def read_living_map(path: str | Path, config: Config) -> LogOddsMap:
     """A living map as `write_living` wrote it, in the frame it was of, to be gone on from.
 
     Args:
@@ -70,9 +71,9 @@ def read_living_map(path: str | Path, config: Config) -> LivingMap:
         InputError: see `read_living`.
     """
 
-    def restored(arrays: dict[str, NDArray[Any]]) -> LivingMap:
+    def restored(arrays: dict[str, NDArray[Any]]) -> LogOddsMap:
         frame_id = str(arrays["frame_id"])
-        living = LivingMap(config.grid, config.evidence, config.cloud.min_height_m, frame_id)
+        living = LogOddsMap(config.grid, config.evidence, config.cloud.min_height_m, frame_id)
         living.restore(_tiles_of(arrays, living.corner_cell), int(arrays["stamp_ns"]))
         return living
 

@@ -1,4 +1,4 @@
-"""The staged and the fused road must agree cell for cell and count for count, whatever comes."""
+"""The plain and the compiled backend must agree cell for cell and count for count, whatever comes."""
 
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ from swardmap.geometry import Intrinsics, Pose, mount_pose
 from swardmap.grid import GridSpec
 from swardmap.labels import GRASS_OBSTACLE_PERSON, MapClass
 from swardmap.perception.cloud import consistent_depth
-from swardmap.perception.frame_grid import fused_grid, staged_grid
+from swardmap.perception.counting import count_compiled, count_plain
 from swardmap.types import Frame, Segmentation
 
 seeds = st.integers(0, 2**32 - 1)
@@ -47,7 +47,7 @@ def random_pose(rng: np.random.Generator) -> Pose:
 
 @settings(max_examples=120, deadline=None)
 @given(seeds, st.sampled_from(["uint16", "float32"]))
-def test_roads_agree_on_random_frames(seed: int, dtype: str) -> None:
+def test_backends_agree_on_random_frames(seed: int, dtype: str) -> None:
     rng = np.random.default_rng(seed)
     height, width = int(rng.integers(1, 40)), int(rng.integers(1, 40))
     intrinsics = Intrinsics(
@@ -72,12 +72,11 @@ def test_roads_agree_on_random_frames(seed: int, dtype: str) -> None:
         min_height_m=-1.0,
         consistent_neighbours=int(rng.integers(0, 9)),
     )
-    k_mark, k_clear = (int(k) for k in rng.integers(1, 4, 2))
     lawn = rng.normal(0, 1, 4).astype(np.float32) if rng.random() < 0.5 else None
-    staged, staged_counts = staged_grid(frame, segmentation, pose, spec, config, k_mark, k_clear, lawn)
-    fused, fused_counts = fused_grid(frame, segmentation, pose, spec, config, k_mark, k_clear, lawn)
-    np.testing.assert_array_equal(staged.classes, fused.classes)
-    assert staged_counts == fused_counts
+    plain, plain_counts = count_plain(frame, segmentation, pose, spec, config, lawn)
+    compiled, compiled_counts = count_compiled(frame, segmentation, pose, spec, config, lawn)
+    np.testing.assert_array_equal(plain, compiled)
+    assert plain_counts == compiled_counts
 
 
 @settings(max_examples=60, deadline=None)
@@ -88,12 +87,12 @@ def test_every_pixel_is_accounted_for_once(seed: int) -> None:
     frame = Frame(0, intrinsics, np.zeros((16, 24, 3), np.uint8), random_depth(rng, 16, 24, "uint16"))
     segmentation = Segmentation(rng.choice([0, 1, 2, 255], (16, 24)).astype(np.uint8), GRASS_OBSTACLE_PERSON)
     spec = GridSpec(0.1, 40, 40, (0.0, -2.0))
-    for config, road in (
-        (CloudConfig(), fused_grid),
-        (CloudConfig(voxel_m=0.05, outliers="statistical", outlier_neighbours=5), staged_grid),
-        (CloudConfig(voxel_m=0.05, outliers="radius", outlier_neighbours=2), staged_grid),
+    for config, count in (
+        (CloudConfig(), count_compiled),
+        (CloudConfig(voxel_m=0.05, outliers="statistical", outlier_neighbours=5), count_plain),
+        (CloudConfig(voxel_m=0.05, outliers="radius", outlier_neighbours=2), count_plain),
     ):
-        _, n = road(frame, segmentation, random_pose(rng), spec, config, 1)
+        _, n = count(frame, segmentation, random_pose(rng), spec, config)
         parts = (n.no_reading, n.out_of_range, n.inconsistent, n.void, n.out_of_height)
         rest = (n.merged, n.outside_grid, n.used)
         assert sum(parts) + sum(rest) == n.pixels == frame.depth.size
@@ -104,9 +103,9 @@ def test_flat_lawn_is_grass_and_nothing_else(flat_lawn: tuple[Frame, Segmentatio
     frame, segmentation = flat_lawn
     assert frame.T_map_camera is not None
     spec = GridSpec(0.1, 80, 80, (0.0, -4.0))
-    grid, counts = fused_grid(frame, segmentation, frame.T_map_camera, spec, CloudConfig(), 1)
-    assert grid.count(MapClass.GRASS) > 500
-    assert grid.count(MapClass.OBSTACLE) == grid.count(MapClass.PERSON) == 0
+    points, counts = count_compiled(frame, segmentation, frame.T_map_camera, spec, CloudConfig())
+    assert np.count_nonzero(points[..., MapClass.GRASS]) > 500
+    assert not points[..., MapClass.OBSTACLE :].any()
     assert counts.out_of_height == 0
 
 
@@ -115,9 +114,9 @@ def test_invalid_readings_clear_nothing(flat_lawn: tuple[Frame, Segmentation]) -
     assert frame.T_map_camera is not None
     blind = replace(frame, depth=np.full_like(frame.depth, np.nan))
     spec = GridSpec(0.1, 80, 80, (0.0, -4.0))
-    for road in (staged_grid, fused_grid):
-        grid, counts = road(blind, segmentation, frame.T_map_camera, spec, CloudConfig(), 1)
-        assert grid.count(MapClass.UNKNOWN) == grid.classes.size
+    for count in (count_plain, count_compiled):
+        points, counts = count(blind, segmentation, frame.T_map_camera, spec, CloudConfig())
+        assert not points.any()
         assert counts.no_reading == counts.pixels
 
 
@@ -126,8 +125,8 @@ def test_ids_that_are_not_declared_are_never_free(flat_lawn: tuple[Frame, Segmen
     assert frame.T_map_camera is not None
     strange = replace(segmentation, labels=np.full_like(segmentation.labels, 99))
     spec = GridSpec(0.1, 80, 80, (0.0, -4.0))
-    grid, counts = fused_grid(frame, strange, frame.T_map_camera, spec, CloudConfig(), 1)
-    assert grid.count(MapClass.UNKNOWN) == grid.classes.size
+    points, counts = count_compiled(frame, strange, frame.T_map_camera, spec, CloudConfig())
+    assert not points.any()
     assert counts.void > 0
 
 
@@ -140,9 +139,9 @@ def test_flying_pixels_are_removed_and_the_sheets_stay() -> None:
     assert np.isfinite(np.delete(kept, 10, axis=1)).all()
 
 
-def test_fused_road_refuses_what_it_would_leave_out(flat_lawn: tuple[Frame, Segmentation]) -> None:
+def test_the_compiled_backend_refuses_what_it_would_leave_out(flat_lawn: tuple[Frame, Segmentation]) -> None:
     frame, segmentation = flat_lawn
     assert frame.T_map_camera is not None
     spec = GridSpec(0.1, 10, 10)
-    with pytest.raises(ConfigError, match="set road to 'staged'"):
-        fused_grid(frame, segmentation, frame.T_map_camera, spec, CloudConfig(voxel_m=0.05), 1)
+    with pytest.raises(ConfigError, match="set backend to 'plain'"):
+        count_compiled(frame, segmentation, frame.T_map_camera, spec, CloudConfig(voxel_m=0.05))
