@@ -70,7 +70,7 @@ def map_command(
     live = is_live(source)
     if not live:
         refuse_to_replace(source, out)
-    given = LimitedSource(open_source(source, chosen.source, chosen.camera), frames, duration)
+    given = LimitedSource(open_source(source, chosen), frames, duration)
     with ExitStack() as stack:
         if live:  # a recording that is stopped is an interrupted run; a camera has no other end
             stack.enter_context(until_stopped(given))

@@ -55,7 +55,7 @@ def record_command(
 
     options = RecordOptions(images, depth, configured_mount(chosen.mount))
     camera = replace(chosen.camera, queue=max(chosen.camera.queue, QUEUE))  # a hiccup shall cost no image
-    given = LimitedSource(open_source(source, chosen.source, camera), frames, duration)
+    given = LimitedSource(open_source(source, replace(chosen, camera=camera)), frames, duration)
     started = perf_counter()
     try:
         with until_stopped(given), Progress(given.frame_count, as_json, "recording", "recorded") as on_frame:

@@ -62,7 +62,7 @@ def view_command(
 
     load_rerun()  # that it is missing is said before any work
     live, totals = is_live(source), RunTotals()
-    given = LimitedSource(open_source(source, chosen.source, chosen.camera), frames, duration)
+    given = LimitedSource(open_source(source, chosen), frames, duration)
     mapper = build_mapper(build_segmenter(chosen.segmenter, given.label_set), chosen)
     with (
         rerun_sink(save, connect, overwrite, layout()) as sink,

@@ -10,11 +10,7 @@ from swardmap.errors import ConfigError
 class SourceConfig(Checked):
     """How to read a recording."""
 
-    format: str | None = setting(
-        None,
-        "kind of recording; found by itself where possible",
-        choices=("folder", "gardens", "3dmatch", "orfd", "eden", "rosbag"),
-    )
+    format: str | None = setting(None, "kind of recording, as docs/recordings.md names it; none = found")
     start: int = setting(0, "index of the first frame to use", minimum=0)
     stop: int | None = setting(None, "index after the last frame to use; none = to the end", minimum=0)
     every: int = setting(1, "use every n-th frame", minimum=1)

@@ -9,8 +9,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
-from swardmap.config import CameraConfig, SourceConfig
-from swardmap.errors import InputError, SwardmapError
+from swardmap.config import Config, SourceConfig
+from swardmap.errors import ConfigError, InputError, SwardmapError
 from swardmap.labels import LabelSet
 from swardmap.types import Frame
 
@@ -66,8 +66,8 @@ class LiveModule(Protocol):
     """What a module named in LIVE offers."""
 
     @staticmethod
-    def open_live(address: str, source: SourceConfig, camera: CameraConfig) -> FrameSource:
-        """Open the camera at `address` (empty: the only one), or raise InputError."""
+    def open_live(address: str, config: Config) -> FrameSource:
+        """Open the camera at `address` (empty: the only one) by its section, or raise InputError."""
 
 
 LIVE: Mapping[str, str] = {"realsense": "swardmap.io.sources.realsense_live"}
@@ -105,29 +105,33 @@ def is_live(location: str | Path) -> bool:
     return bool(colon) and kind in LIVE
 
 
-def open_source(
-    location: str | Path, config: SourceConfig | None = None, camera: CameraConfig | None = None
-) -> FrameSource:
+def open_source(location: str | Path, config: SourceConfig | Config | None = None) -> FrameSource:
     """Open a recording, whatever kind it is, or a live camera.
 
     Args:
         location: folder, file, `realsense:`, `realsense:SERIAL`, or `analytic:scenes=4`.
-        config: how to read it; `config.format` names the kind where it cannot be recognised.
-        camera: how to run a live camera.
+        config: how to read it; `source.format` names the kind where it cannot be recognised. A live camera
+            takes how it is to run from its own section of the whole configuration.
 
     Raises:
+        ConfigError: if `source.format` is no kind of source.
         InputError: if it does not exist, is of no known kind, or holds nothing.
         MissingExtraError: if the camera's package is not installed.
     """
-    config = config or SourceConfig()
+    whole = config if isinstance(config, Config) else Config(source=config or SourceConfig())
+    kind, _, address = str(location).partition(":")
     if is_live(location):
-        kind, _, address = str(location).partition(":")
         live: LiveModule = importlib.import_module(LIVE[kind])  # type: ignore[assignment]
-        return live.open_live(address, config, camera or CameraConfig())
+        return live.open_live(address, whole)
     if is_named(location):
-        named: NamedModule = importlib.import_module(NAMED[str(location).partition(":")[0]])  # type: ignore[assignment]
-        return named.open_named(str(location), config)
-    path = Path(location)
+        named: NamedModule = importlib.import_module(NAMED[kind])  # type: ignore[assignment]
+        return named.open_named(str(location), whole.source)
+    return _open_path(Path(location), whole.source)
+
+
+def _open_path(path: Path, config: SourceConfig) -> FrameSource:
+    if config.format is not None and config.format not in SOURCES:
+        raise ConfigError(f"source.format: expected one of {', '.join(SOURCES)}, got '{config.format}'")
     try:
         if not path.exists():
             raise InputError(f"no such recording: {path}")

@@ -168,7 +168,7 @@ def _mapped(
 
     source = recording
     if isinstance(source, (str, Path)):
-        source = open_source(source, config.source, config.camera)
+        source = open_source(source, config)
     segmenter = segmenter or build_segmenter(config.segmenter, source.label_set)
     writer = None
     if folder is not None:

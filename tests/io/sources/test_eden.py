@@ -14,9 +14,9 @@ from scipy.io import loadmat, savemat
 from swardmap.config import SourceConfig
 from swardmap.errors import InputError, InvalidValueError, OutputError
 from swardmap.geometry import Intrinsics, Pose, mount_pose
-from swardmap.io import open_source
-from swardmap.io.sources.eden import EdenSource, write_eden
+from swardmap.io import FrameSource, open_source
 from swardmap.io.sources.eden import open_source as open_eden
+from swardmap.io.sources.eden import write_eden
 from swardmap.io.sources.eden_labels import TRIMBOT, label_table_yaml, read_label_table
 from swardmap.labels import GRASS_OBSTACLE_PERSON, MapClass
 from swardmap.types import Frame
@@ -59,9 +59,8 @@ def eden(tmp_path: Path) -> Path:
     return root
 
 
-def read(path: Path, config: SourceConfig | None = None) -> tuple[list[Frame], EdenSource]:
+def read(path: Path, config: SourceConfig | None = None) -> tuple[list[Frame], FrameSource]:
     source = open_source(path, config)
-    assert isinstance(source, EdenSource)
     return list(source), source
 
 

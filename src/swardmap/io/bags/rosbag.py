@@ -6,7 +6,7 @@ that wait, not by the length of the recording.
 """
 
 from collections import Counter, deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from swardmap.io.bags.poses import add_message
 from swardmap.io.bags.reader import Bag, open_bag
 from swardmap.io.bags.tf import TransformBuffer
 from swardmap.io.sources.pairing import COLOR, DEPTH, Pair, Pairer
-from swardmap.labels import LabelSet
+from swardmap.io.sources.source import Source, Tally
 from swardmap.perception.align import align_depth_to_color
 from swardmap.types import Frame
 
@@ -50,7 +50,7 @@ def recognises(path: Path) -> bool:
     return path.suffix in SUFFIXES
 
 
-def open_source(path: Path, config: SourceConfig) -> "RosbagSource":
+def open_source(path: Path, config: SourceConfig) -> Source:
     """Open a recording and find its topics.
 
     Raises:
@@ -66,54 +66,38 @@ def open_source(path: Path, config: SourceConfig) -> "RosbagSource":
             )
         path = files[0]
     with open_bag(path) as bag:
-        return RosbagSource(path, config, make_plan(bag, config))
+        recording = Recording(path, config, make_plan(bag, config))
+    return Source(path.name, recording.frame_count, None, recording.frames)
 
 
-class RosbagSource:
-    """Frames of a recording; see `swardmap.io.FrameSource`."""
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """A recording, and how its frames are made."""
 
-    def __init__(self, path: Path, config: SourceConfig, plan: BagPlan) -> None:
-        self._path, self._config, self._plan = path, config, plan
-        self._skipped: Counter[str] = Counter()
-
-    @property
-    def name(self) -> str:
-        """File or folder name of the recording."""
-        return self._path.name
+    path: Path
+    config: SourceConfig
+    plan: BagPlan
 
     @property
-    def frame_count(self) -> int | None:
+    def frame_count(self) -> int:
         """At most: images of the scarcer kind, less those not chosen; unpaired ones show as skipped."""
-        count = self._plan.images
-        return len(range(count)[self._config.start : self._config.stop : self._config.every])
+        return len(range(self.plan.images)[self.config.start : self.config.stop : self.config.every])
 
-    @property
-    def label_set(self) -> LabelSet | None:
-        """Bags have no true labels."""
-        return None
-
-    @property
-    def skipped(self) -> Mapping[str, int]:
-        """Images left out by the last iteration so far, by reason."""
-        return {reason: count for reason, count in self._skipped.items() if count}
-
-    def __iter__(self) -> Iterator[Frame]:
-        """Yield the frames in order of time; those that cannot be used are counted, never guessed."""
-        skipped: Counter[str] = Counter()
-        self._skipped = skipped
-        poses = self._plan.poses
+    def frames(self, tally: Tally) -> Iterator[Frame]:
+        """The frames in order of time; those that cannot be used are counted, never guessed."""
+        poses = self.plan.poses
         buffer = poses.new_buffer() if poses else TransformBuffer()
-        with open_bag(self._path) as bag:
-            for index, pair in self._pairs_with_poses(bag, buffer, skipped):
+        with open_bag(self.path) as bag:
+            for index, pair in self._pairs_with_poses(bag, buffer, tally.skipped):
                 pose = self._pose_at(buffer, pair.stamp_ns)
                 buffer.forget_before(pair.stamp_ns)
                 if poses and pose is None:
-                    skipped[REASON_POSE] += 1
+                    tally.skip(REASON_POSE)
                     continue
                 try:
                     frame = self._frame(bag, index, pair, pose)
-                except (InputError, InvalidValueError):
-                    skipped[REASON_DAMAGED] += 1
+                except (InputError, InvalidValueError) as error:
+                    tally.skip(REASON_DAMAGED, str(error))
                     continue
                 yield frame
 
@@ -125,7 +109,7 @@ class RosbagSource:
         paired = 0
         for now_ns, pair in self._events(bag, buffer, skipped):
             if pair is not None:
-                if self._config.stop is not None and paired >= self._config.stop:
+                if self.config.stop is not None and paired >= self.config.stop:
                     break
                 if self._is_chosen(paired):
                     waiting.append((paired, pair))
@@ -138,7 +122,7 @@ class RosbagSource:
         self, bag: Bag, buffer: TransformBuffer, skipped: Counter[str]
     ) -> Iterator[tuple[int, Pair[_Raw] | None]]:
         """Read on: time of recording with each new pair, or with None when a transform came."""
-        plan, pairer = self._plan, Pairer[_Raw](round(self._config.pair_tolerance_ms * 1e6))
+        plan, pairer = self.plan, Pairer[_Raw](round(self.config.pair_tolerance_ms * 1e6))
         kinds = {plan.color.name: COLOR, plan.depth.name: DEPTH}
         pose_topics = plan.poses.topics if plan.poses else frozenset[str]()
         now_ns = 0
@@ -157,25 +141,25 @@ class RosbagSource:
         skipped |= Counter(pairer.skipped)
 
     def _is_chosen(self, index: int) -> bool:
-        return index >= self._config.start and (index - self._config.start) % self._config.every == 0
+        return index >= self.config.start and (index - self.config.start) % self.config.every == 0
 
     def _is_ready(self, buffer: TransformBuffer, pair: Pair[_Raw], now_ns: int) -> bool:
         """Whether the transform after the image has come, or is not to be waited for any longer."""
-        poses = self._plan.poses
+        poses = self.plan.poses
         if poses is None or now_ns - pair.color.recorded_ns > WAIT_NS:
             return True
         newest_ns = buffer.newest_ns(poses.map_frame, poses.camera_frame)
         return newest_ns is not None and newest_ns >= pair.stamp_ns
 
     def _pose_at(self, buffer: TransformBuffer, stamp_ns: int) -> Pose | None:
-        poses = self._plan.poses
+        poses = self.plan.poses
         if poses is None:
             return None
-        tolerance_ns = round(self._config.pose_tolerance_ms * 1e6)
+        tolerance_ns = round(self.config.pose_tolerance_ms * 1e6)
         return buffer.lookup(poses.map_frame, poses.camera_frame, stamp_ns, tolerance_ns)
 
     def _frame(self, bag: Bag, index: int, pair: Pair[_Raw], T_map_camera: Pose | None) -> Frame:
-        plan = self._plan
+        plan = self.plan
         rgb = plan.color.color(bag.decode(plan.color.name, pair.color.data))
         depth = plan.depth.depth(bag.decode(plan.depth.name, pair.depth.data))
         rgb, depth = plan.color_camera.rectify_color(rgb), plan.depth_camera.rectify_depth(depth)

@@ -9,8 +9,9 @@
 SCENE has four digits, LIGHT is clear, cloudy, overcast, sunset or twilight. See docs/eden.md.
 """
 
-from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -37,6 +38,7 @@ from swardmap.io.sources.eden_layout import (
     scenes,
     stems_of,
 )
+from swardmap.io.sources.source import Source, Tally
 from swardmap.labels import LabelSet
 from swardmap.types import Frame
 
@@ -49,102 +51,81 @@ NO_POSE = "no RT_L in the camera matrix; frame used without a pose"
 CAMERA_OF_TABLE = "no camera matrix; frame used with the camera of the label table"
 
 
-class EdenSource:
-    """Frames of EDEN; opened by `open_source`."""
+@dataclass(frozen=True, slots=True)
+class Eden:
+    """EDEN's root: what its ids mean, and whether its poses are used."""
 
-    def __init__(self, root: Path, name: str, entries: list[Entry], table: LabelTable, poses: bool) -> None:
-        self._root, self._entries, self._table, self._poses = root, entries, table, poses
-        self._name = name
-        self._has_labels = (root / SEGMENTATION).is_dir()
-        self._skipped: Counter[str] = Counter()
+    root: Path
+    table: LabelTable
+    poses: bool
+    has_labels: bool
 
-    @property
-    def name(self) -> str:
-        """Of the data set's folder, with the scene and light chosen."""
-        return self._name
-
-    @property
-    def frame_count(self) -> int:
-        """Frames listed; one whose files are missing is counted in `skipped` and not yielded."""
-        return len(self._entries)
-
-    @property
-    def label_set(self) -> LabelSet | None:
-        """Classes of the segmentation, if there is a folder of it."""
-        return self._table.label_set if self._has_labels else None
-
-    @property
-    def skipped(self) -> Mapping[str, int]:
-        """What the last iteration left out or did without, by reason; pixels of ids that mean nothing."""
-        return dict(self._skipped)
-
-    def __iter__(self) -> Iterator[Frame]:
-        """Read frame by frame, scene by scene, light by light."""
-        self._skipped.clear()
-        for entry in self._entries:
+    def frames(self, entries: list[Entry], tally: Tally) -> Iterator[Frame]:
+        """The frames listed; what is left out or done without is counted, so are pixels that mean nothing."""
+        for entry in entries:
             missing = self._missing(entry)
             if missing:
-                self._skipped[missing] += 1
+                tally.skip(missing, f"frame {entry.name}: {missing}")
                 continue
             try:
-                yield self._read(entry)
+                yield self._read(entry, tally)
             except InvalidValueError as error:
-                raise InputError(f"{self._root}, frame {entry.name}: {error}") from error
+                raise InputError(f"{self.root}, frame {entry.name}: {error}") from error
 
     def _missing(self, entry: Entry) -> str | None:
         needed = {RGB: NO_COLOR, DEPTH: NO_DEPTH}
-        if self._table.camera is None:
+        if self.table.camera is None:
             needed[CAMERA] = NO_CAMERA
-        reasons = (reason for part, reason in needed.items() if not entry.file(self._root, part).is_file())
+        reasons = (reason for part, reason in needed.items() if not entry.file(self.root, part).is_file())
         return next(reasons, None)
 
-    def _read(self, entry: Entry) -> Frame:
-        rgb = read_color(entry.file(self._root, RGB))
-        intrinsics, T_map_camera = self._camera(entry, rgb.shape[1], rgb.shape[0])
-        labels = self._labels(entry)
+    def _read(self, entry: Entry, tally: Tally) -> Frame:
+        rgb = read_color(entry.file(self.root, RGB))
+        intrinsics, T_map_camera = self._camera(entry, rgb.shape[1], rgb.shape[0], tally)
+        labels = self._labels(entry, tally)
         return Frame(
             stamp_ns=entry.stamp_ns,
             intrinsics=intrinsics,
             rgb=rgb,
-            depth=_read_depth(entry.file(self._root, DEPTH)),
+            depth=_read_depth(entry.file(self.root, DEPTH)),
             T_map_camera=T_map_camera,
             labels=labels,
-            label_set=None if labels is None else self._table.label_set,
+            label_set=None if labels is None else self.table.label_set,
             name=entry.name,
             tags={"scene": entry.scene, "illumination": entry.light},
         )
 
-    def _camera(self, entry: Entry, width: int, height: int) -> tuple[Intrinsics, Pose | None]:
-        file = entry.file(self._root, CAMERA)
-        if not file.is_file() and self._table.camera is not None:
-            self._skipped[CAMERA_OF_TABLE] += 1
-            return self._table.camera, None
+    def _camera(self, entry: Entry, width: int, height: int, tally: Tally) -> tuple[Intrinsics, Pose | None]:
+        file = entry.file(self.root, CAMERA)
+        if not file.is_file() and self.table.camera is not None:
+            tally.skip(CAMERA_OF_TABLE)
+            return self.table.camera, None
         arrays = read_mat(file, ("K_L", "RT_L"))
         if "K_L" not in arrays or arrays["K_L"].shape != (3, 3):
             raise InputError(f"{file}: expected a 3 x 3 matrix K_L, got {_shape(arrays.get('K_L'))}")
         try:
             intrinsics = Intrinsics.from_matrix(arrays["K_L"], width, height)
-            if self._poses and "RT_L" in arrays:
+            if self.poses and "RT_L" in arrays:
                 return intrinsics, _pose(arrays["RT_L"], file)
         except InvalidValueError as error:
             raise InputError(f"{file}: {error}") from error
-        if self._poses:
-            self._skipped[NO_POSE] += 1
+        if self.poses:
+            tally.skip(NO_POSE)
         return intrinsics, None
 
-    def _labels(self, entry: Entry) -> NDArray[np.uint8] | None:
-        if not self._has_labels:
+    def _labels(self, entry: Entry, tally: Tally) -> NDArray[np.uint8] | None:
+        if not self.has_labels:
             return None
-        file = entry.file(self._root, SEGMENTATION)
+        file = entry.file(self.root, SEGMENTATION)
         if not file.is_file():
-            self._skipped[NO_LABELS] += 1
+            tally.skip(NO_LABELS)
             return None
         labels = read_mask(file)
         counts = np.bincount(labels.ravel(), minlength=256)
-        counts[[c.id for c in self._table.label_set.classes]] = 0
+        counts[[c.id for c in self.table.label_set.classes]] = 0
         for undeclared in np.nonzero(counts)[0]:
-            self._skipped[f"pixels of id {undeclared}, not in the label table: void"] += int(
-                counts[undeclared]
+            tally.skip(
+                f"pixels of id {undeclared}, not in the label table: void", count=int(counts[undeclared])
             )
         return labels
 
@@ -154,7 +135,7 @@ def recognises(path: Path) -> bool:
     return locate(path) is not None
 
 
-def open_source(path: Path, config: SourceConfig) -> EdenSource:
+def open_source(path: Path, config: SourceConfig) -> Source:
     """Open EDEN, or one scene or one light of it; lists folders and opens no image.
 
     Poses are used only with `level` off: EDEN does not say which way is up in its world frame.
@@ -189,7 +170,10 @@ def open_source(path: Path, config: SourceConfig) -> EdenSource:
     entries = [Entry(*parts, i * PERIOD_NS) for i, parts in enumerate(stems)]
     name = "-".join(filter(None, (root.name, scene, light)))
     chosen = entries[config.start : config.stop : config.every]
-    return EdenSource(root, name, chosen, table, poses=not config.level)
+    eden = Eden(root, table, poses=not config.level, has_labels=(root / SEGMENTATION).is_dir())
+    return Source(
+        name, len(chosen), table.label_set if eden.has_labels else None, partial(eden.frames, chosen)
+    )
 
 
 def write_eden(

@@ -9,9 +9,9 @@
 Frames are taken in the order of poses.txt, or of their names if there is none. See docs/recordings.md.
 """
 
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from swardmap.errors import InputError, InvalidValueError, SwardmapError
 from swardmap.geometry import Intrinsics, Pose
 from swardmap.io.files import inside, new_output_folder, read_bytes, write_bytes, write_text
 from swardmap.io.images import encode_png, read_color, read_depth, read_mask
+from swardmap.io.sources.source import Source, Tally
 from swardmap.labels import GRASS_OBSTACLE_PERSON, LabelClass, LabelSet
 from swardmap.types import Frame
 
@@ -50,47 +51,28 @@ class Camera:
     tags: Mapping[str, str]
 
 
-class FolderSource:
-    """Frames of a folder in our layout; opened by `open_source`."""
+@dataclass(frozen=True, slots=True)
+class Folder:
+    """A folder in our layout."""
 
-    def __init__(self, path: Path, camera: Camera, entries: list[Entry], has_labels: bool) -> None:
-        self._path, self._camera, self._entries, self._has_labels = path, camera, entries, has_labels
-        self._skipped: Counter[str] = Counter()
+    path: Path
+    camera: Camera
+    has_labels: bool
 
-    @property
-    def name(self) -> str:
-        """Name of the folder."""
-        return self._path.resolve().name
-
-    @property
-    def frame_count(self) -> int:
-        """Frames listed; one whose files are missing is counted in `skipped` and not yielded."""
-        return len(self._entries)
-
-    @property
-    def label_set(self) -> LabelSet | None:
-        """Classes of the true labels, if there is a folder of labels."""
-        return self._camera.label_set if self._has_labels else None
-
-    @property
-    def skipped(self) -> Mapping[str, int]:
-        """Frames left out by the last iteration, by reason."""
-        return dict(self._skipped)
-
-    def __iter__(self) -> Iterator[Frame]:
-        """Read frame by frame."""
-        self._skipped.clear()
-        for entry in self._entries:
-            color = _file_of(self._path / "rgb", entry.name, COLOR_SUFFIXES)
-            depth = _file_of(self._path / "depth", entry.name, DEPTH_SUFFIXES)
+    def frames(self, entries: list[Entry], tally: Tally) -> Iterator[Frame]:
+        """The frames listed; one whose files are missing is counted."""
+        for entry in entries:
+            color = _file_of(self.path / "rgb", entry.name, COLOR_SUFFIXES)
+            depth = _file_of(self.path / "depth", entry.name, DEPTH_SUFFIXES)
             if color is None or depth is None:
-                self._skipped["no colour image" if color is None else "no depth image"] += 1
+                part = "colour" if color is None else "depth"
+                tally.skip(f"no {part} image", f"frame {entry.name} has no {part} image")
                 continue
             yield self._read(entry, color, depth)
 
     def _read(self, entry: Entry, color: Path, depth: Path) -> Frame:
-        camera = self._camera
-        labels = _file_of(self._path / "labels", entry.name, (".png",)) if self._has_labels else None
+        camera = self.camera
+        labels = _file_of(self.path / "labels", entry.name, (".png",)) if self.has_labels else None
         try:
             return Frame(
                 stamp_ns=entry.stamp_ns,
@@ -105,7 +87,7 @@ class FolderSource:
                 tags=camera.tags,
             )
         except InvalidValueError as error:
-            raise InputError(f"{self._path}: {error}") from error
+            raise InputError(f"{self.path}: {error}") from error
 
 
 def recognises(path: Path) -> bool:
@@ -113,7 +95,7 @@ def recognises(path: Path) -> bool:
     return (path / CAMERA_FILE).is_file()
 
 
-def open_source(path: Path, config: SourceConfig) -> FolderSource:
+def open_source(path: Path, config: SourceConfig) -> Source:
     """Open a folder in our layout.
 
     Raises:
@@ -136,7 +118,9 @@ def open_source(path: Path, config: SourceConfig) -> FolderSource:
                 f"'{min(names - listed)}'; write 'NAME stamp_ns' alone for a frame without a pose"
             )
     chosen = entries[config.start : config.stop : config.every]
-    return FolderSource(path, camera, chosen, (path / "labels").is_dir())
+    folder = Folder(path, camera, has_labels=(path / "labels").is_dir())
+    label_set = camera.label_set if folder.has_labels else None
+    return Source(path.resolve().name, len(chosen), label_set, partial(folder.frames, chosen))
 
 
 def write_folder(frames: Iterable[Frame], path: str | Path, overwrite: bool = False) -> int:

@@ -7,7 +7,7 @@ Frames are named as EDEN's are (SCENE-LIGHT-FRAME), so that `--clean OUT/eden` f
 """
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,7 +15,8 @@ from swardmap.config import SourceConfig
 from swardmap.errors import InputError
 from swardmap.io.sources import folder
 from swardmap.io.sources.eden_layout import LIGHTS, SCENE
-from swardmap.labels import GRASS_OBSTACLE_PERSON, LabelSet
+from swardmap.io.sources.source import Source, Tally
+from swardmap.labels import GRASS_OBSTACLE_PERSON
 from swardmap.types import Frame
 
 PLAN_FILE, SEQUENCES, COMPLETE_FILE = "plan.json", "folder", "complete.json"
@@ -38,53 +39,44 @@ class Sequence:
         return f"{self.path.parent.name}-{self.path.name}"
 
 
-class GardensSource:
-    """Frames of all whole sequences, scene by scene, light by light; opened by `open_source`."""
+@dataclass(frozen=True, slots=True)
+class Gardens:
+    """All whole sequences, and how many are not."""
 
-    def __init__(self, path: Path, sequences: list[Sequence], broken: int, config: SourceConfig) -> None:
-        self._path, self._sequences, self._broken, self._config = path, sequences, broken, config
-        total = sum(sequence.frames for sequence in sequences)
-        self._indices = range(total)[config.start : config.stop : config.every]
-        self._skipped: dict[str, int] = {}
-
-    @property
-    def name(self) -> str:
-        """Of the folder."""
-        return self._path.resolve().name
+    sequences: tuple[Sequence, ...]
+    broken: int
+    config: SourceConfig
 
     @property
-    def frame_count(self) -> int:
-        """Of all whole sequences."""
-        return len(self._indices)
+    def indices(self) -> range:
+        """Which of all frames are to be read."""
+        config = self.config
+        return range(sum(s.frames for s in self.sequences))[config.start : config.stop : config.every]
 
-    @property
-    def label_set(self) -> LabelSet:
-        """Other, grass, person."""
-        return GRASS_OBSTACLE_PERSON
+    def count_broken(self, tally: Tally) -> Tally:
+        """Count the sequences that are left out."""
+        if self.broken:
+            tally.skip(NOT_WHOLE, count=self.broken)
+        return tally
 
-    @property
-    def skipped(self) -> Mapping[str, int]:
-        """Sequences left out, and what is left out of those that are read."""
-        return {**({NOT_WHOLE: self._broken} if self._broken else {}), **self._skipped}
-
-    def __iter__(self) -> Iterator[Frame]:
-        """Read frame by frame."""
-        self._skipped = {}
+    def frames(self, tally: Tally) -> Iterator[Frame]:
+        """The frames chosen, scene by scene, light by light."""
+        self.count_broken(tally)
         first = 0
-        for sequence in self._sequences:
-            wanted = [i - first for i in self._indices if first <= i < first + sequence.frames]
+        for sequence in self.sequences:
+            wanted = [i - first for i in self.indices if first <= i < first + sequence.frames]
             first += sequence.frames
             if wanted:
-                yield from self._frames(sequence, wanted)
+                yield from self._frames(sequence, wanted, tally)
 
-    def _frames(self, sequence: Sequence, wanted: list[int]) -> Iterator[Frame]:
-        part = replace(self._config, start=wanted[0], stop=wanted[-1] + 1)
+    def _frames(self, sequence: Sequence, wanted: list[int], tally: Tally) -> Iterator[Frame]:
+        part = replace(self.config, start=wanted[0], stop=wanted[-1] + 1)
         source = folder.open_source(sequence.path, part)
         for frame in source:
             stamp_ns = frame.stamp_ns + sequence.number * APART_NS
             yield replace(frame, name=f"{sequence.name}-{frame.name}", stamp_ns=stamp_ns)
         for reason, count in source.skipped.items():
-            self._skipped[reason] = self._skipped.get(reason, 0) + count
+            tally.skip(reason, source.tally.first.get(reason, ""), count)
 
 
 def recognises(path: Path) -> bool:
@@ -92,7 +84,7 @@ def recognises(path: Path) -> bool:
     return (path / PLAN_FILE).is_file() and (path / SEQUENCES).is_dir()
 
 
-def open_source(path: Path, config: SourceConfig) -> GardensSource:
+def open_source(path: Path, config: SourceConfig) -> Source:
     """Open all whole sequences.
 
     Raises:
@@ -107,7 +99,9 @@ def open_source(path: Path, config: SourceConfig) -> GardensSource:
     whole = [Sequence(p, k, n) for k, (p, n) in enumerate(zip(found, counts, strict=True)) if n]
     if not whole:
         raise InputError(f"{path}: expected at least one sequence with {COMPLETE_FILE}, found none")
-    return GardensSource(path, whole, counts.count(0), config)
+    gardens = Gardens(tuple(whole), counts.count(0), config)
+    tally = gardens.count_broken(Tally())
+    return Source(path.resolve().name, len(gardens.indices), GRASS_OBSTACLE_PERSON, gardens.frames, tally)
 
 
 def _frames_of(sequence: Path) -> int:

@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Mapping
 
 from swardmap.io import FrameSource
-from swardmap.labels import LabelSet
 from swardmap.types import Frame
 
 
@@ -16,6 +15,7 @@ class LimitedSource:
         duration_s: only frames less than this after the first, by their stamps; None = all.
 
     Attributes:
+        name, label_set: of the source.
         given: frames that the last iteration gave so far.
     """
 
@@ -24,23 +24,14 @@ class LimitedSource:
     ) -> None:
         self._source, self._frames, self._duration_s = source, frames, duration_s
         self._stopped = False
+        self.name, self.label_set = source.name, source.label_set
         self.given = 0
-
-    @property
-    def name(self) -> str:
-        """Of the source."""
-        return self._source.name
 
     @property
     def frame_count(self) -> int | None:
         """At most; None if the source has no end and no number was given."""
         counts = [n for n in (self._source.frame_count, self._frames) if n is not None]
         return min(counts, default=None)
-
-    @property
-    def label_set(self) -> LabelSet | None:
-        """Of the source."""
-        return self._source.label_set
 
     @property
     def skipped(self) -> Mapping[str, int]:

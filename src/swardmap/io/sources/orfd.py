@@ -9,8 +9,9 @@ fits the vehicle; `depth_unit_m` overrides it. Free space (gt_image/) is not rea
 """
 
 import re
-from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from swardmap.geometry import Intrinsics
 from swardmap.io.files import read_bytes
 from swardmap.io.images import read_color, read_depth
 from swardmap.io.number_tables import parse_table
+from swardmap.io.sources.source import Source, Tally
 from swardmap.types import Frame
 
 COLOR_FOLDERS, DEPTH_FOLDERS, CALIBRATION_FOLDER = ("image_data", "images"), ("dense_depth", "depth"), "calib"
@@ -29,46 +31,26 @@ NS_PER_MS = 1_000_000
 DEPTH_UNIT_M = 1 / 256
 
 
-class OrfdSource:
-    """Frames of one sequence; opened by `open_source`."""
+@dataclass(frozen=True, slots=True)
+class Sequence:
+    """One sequence: its folders, and the unit of its depth."""
 
-    def __init__(self, path: Path, color: Path, depth: Path, names: Sequence[str], unit_m: float) -> None:
-        self._path, self._color, self._depth = path, color, depth
-        self._names, self._depth_unit_m = list(names), unit_m
-        self._skipped: Counter[str] = Counter()
+    path: Path
+    color: Path
+    depth: Path
+    depth_unit_m: float
 
-    @property
-    def name(self) -> str:
-        """Name of the folder."""
-        return self._path.resolve().name
-
-    @property
-    def frame_count(self) -> int:
-        """Frames chosen; those that miss a part are counted in `skipped` and not yielded."""
-        return len(self._names)
-
-    @property
-    def label_set(self) -> None:
-        """No labels are read."""
-        return None
-
-    @property
-    def skipped(self) -> Mapping[str, int]:
-        """Frames left out by the last iteration, by reason."""
-        return dict(self._skipped)
-
-    def __iter__(self) -> Iterator[Frame]:
-        """Read frame by frame."""
-        self._skipped.clear()
-        for name in self._names:
+    def frames(self, names: list[str], tally: Tally) -> Iterator[Frame]:
+        """The frames of these names; one that misses a part is counted."""
+        for name in names:
             parts = {
-                "no colour image": self._color / f"{name}.png",
-                "no depth image": self._depth / f"{name}.png",
-                "no calibration": self._path / CALIBRATION_FOLDER / f"{name}.txt",
+                "no colour image": self.color / f"{name}.png",
+                "no depth image": self.depth / f"{name}.png",
+                "no calibration": self.path / CALIBRATION_FOLDER / f"{name}.txt",
             }
             missing = [reason for reason, file in parts.items() if not file.is_file()]
             if missing:
-                self._skipped[missing[0]] += 1
+                tally.skip(missing[0], f"{parts[missing[0]]} is missing")
             else:
                 yield self._read(name, *parts.values())
 
@@ -82,11 +64,11 @@ class OrfdSource:
                 intrinsics=camera,
                 rgb=rgb,
                 depth=read_depth(depth),
-                depth_unit_m=self._depth_unit_m,
+                depth_unit_m=self.depth_unit_m,
                 name=name,
             )
         except InvalidValueError as error:
-            raise InputError(f"{self._path}: {error}") from error
+            raise InputError(f"{self.path}: {error}") from error
 
 
 def recognises(path: Path) -> bool:
@@ -98,7 +80,7 @@ def recognises(path: Path) -> bool:
     )
 
 
-def open_source(path: Path, config: SourceConfig) -> OrfdSource:
+def open_source(path: Path, config: SourceConfig) -> Source:
     """Open one sequence.
 
     Raises:
@@ -121,7 +103,8 @@ def open_source(path: Path, config: SourceConfig) -> OrfdSource:
             f"{path}: expected images named by their time, such as 1623721491895.png; found none"
         )
     chosen = stamped[config.start : config.stop : config.every]
-    return OrfdSource(path, color, depth, chosen, config.depth_unit_m or DEPTH_UNIT_M)
+    sequence = Sequence(path, color, depth, config.depth_unit_m or DEPTH_UNIT_M)
+    return Source(path.resolve().name, len(chosen), None, partial(sequence.frames, chosen))
 
 
 def parse_calibration(content: bytes, name: str, width: int, height: int) -> Intrinsics:

@@ -7,18 +7,17 @@ frames end, and `lost` says why, so that what was made of them can be kept.
 
 import logging
 import time
-from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from threading import Event
 from typing import Any
 
-from swardmap.config import CameraConfig, SourceConfig
+from swardmap.config import CameraConfig, Config, SourceConfig
 from swardmap.errors import InputError, InvalidValueError, require
 from swardmap.io.bags.rosbag import REASON_DAMAGED
 from swardmap.io.sources.pairing import REASON_COLOR, REASON_ORDER
 from swardmap.io.sources.realsense_camera import RealsenseCamera, Shot, finder
-from swardmap.labels import LabelSet
+from swardmap.io.sources.source import Tally
 from swardmap.types import Frame
 
 SLICE_S = 0.2
@@ -34,7 +33,7 @@ Find = Callable[[str | None], Any]
 _log = logging.getLogger(__name__)
 
 
-def open_live(address: str, source: SourceConfig, camera: CameraConfig) -> "RealsenseSource":
+def open_live(address: str, config: Config) -> "RealsenseSource":
     """Open the camera with a serial number, or the only one for an empty address.
 
     Raises:
@@ -47,11 +46,17 @@ def open_live(address: str, source: SourceConfig, camera: CameraConfig) -> "Real
             "poses, so several are for the ROS node and its rig file (docs/robot.md)"
         )
     rs = require("pyrealsense2", "realsense", APT_HINT)
-    return RealsenseSource(rs, finder(rs), source, camera, address or camera.serial)
+    return RealsenseSource(rs, finder(rs), config.source, config.camera, address or config.camera.serial)
 
 
 class RealsenseSource:
     """Frames of a camera as they come; see `swardmap.io.FrameSource`.
+
+    Attributes:
+        name: model and serial number.
+        frame_count, label_set: None: nobody knows when it ends, and a camera knows no truth.
+        tally: of the last iteration so far.
+        lost: why the camera stopped giving images; empty if it did not.
 
     Args:
         rs: the module pyrealsense2.
@@ -64,6 +69,9 @@ class RealsenseSource:
         InputError: if the camera is not there or cannot stream as configured.
     """
 
+    frame_count = None
+    label_set = None
+
     def __init__(
         self,
         rs: Any,
@@ -74,32 +82,17 @@ class RealsenseSource:
     ) -> None:
         self._rs, self._find, self._serial = rs, find, serial
         self._source, self._config = source, camera
-        self._skipped: Counter[str] = Counter()
+        self.tally = Tally()
         self._stopped = Event()
         self.lost = ""
         with_it = self._open()  # now, so that what is wrong is told before any work
-        self._title, self._serial = with_it.title, with_it.serial if serial is None else serial
+        self.name, self._serial = with_it.title, with_it.serial if serial is None else serial
         self._waiting: RealsenseCamera | None = with_it
 
     @property
-    def name(self) -> str:
-        """Model and serial number."""
-        return self._title
-
-    @property
-    def frame_count(self) -> int | None:
-        """Cannot be known."""
-        return None
-
-    @property
-    def label_set(self) -> LabelSet | None:
-        """A camera knows no truth."""
-        return None
-
-    @property
-    def skipped(self) -> Mapping[str, int]:
+    def skipped(self) -> dict[str, int]:
         """Images left out by the last iteration so far, by reason."""
-        return {reason: count for reason, count in self._skipped.items() if count}
+        return {reason: count for reason, count in self.tally.skipped.items() if count}
 
     def stop(self) -> None:
         """End the iteration after the frame in progress; may be called from a signal handler or a thread."""
@@ -117,7 +110,7 @@ class RealsenseSource:
         Raises:
             InputError: if the camera gives no image at all.
         """
-        self._skipped, self.lost = Counter(), ""
+        self.tally, self.lost = Tally(), ""
         count = 0
         try:
             for frame in self._frames():
@@ -136,10 +129,10 @@ class RealsenseSource:
             camera, clock = self._connected(heard), _Clock()  # unplugged, a camera's clock starts anew
             if camera is None:
                 return
-            missed_before = self._skipped[REASON_MISSED]
+            missed_before = self.tally.skipped[REASON_MISSED]
             with closing(camera):
                 for shot in self._shots(camera):
-                    self._skipped[REASON_MISSED] = missed_before + camera.missed
+                    self.tally.skipped[REASON_MISSED] = missed_before + camera.missed
                     stamp_ns = clock.stamp_ns(shot, time.time_ns())
                     frame = self._frame(camera, shot, stamp_ns, last_ns, index)
                     if frame is None:
@@ -156,15 +149,15 @@ class RealsenseSource:
         self, camera: RealsenseCamera, shot: Shot, stamp_ns: int, last_ns: int, index: int
     ) -> Frame | None:
         if abs(shot.time_ms - shot.depth_time_ms) > self._source.pair_tolerance_ms:
-            self._skipped[REASON_COLOR] += 1
+            self.tally.skipped[REASON_COLOR] += 1
             return None
         if stamp_ns <= last_ns:
-            self._skipped[REASON_ORDER] += 1
+            self.tally.skipped[REASON_ORDER] += 1
             return None
         try:
             return camera.frame(shot, stamp_ns, f"{index:06d}")
-        except (InputError, InvalidValueError):
-            self._skipped[REASON_DAMAGED] += 1
+        except (InputError, InvalidValueError) as error:
+            self.tally.skip(REASON_DAMAGED, str(error))
             return None
 
     def _shots(self, camera: RealsenseCamera) -> Iterator[Shot]:
@@ -174,17 +167,17 @@ class RealsenseSource:
             try:
                 taken = camera.take(SLICE_S)
             except RuntimeError as error:
-                _log.warning("%s: %s", self._title, " ".join(str(error).split()))
+                _log.warning("%s: %s", self.name, " ".join(str(error).split()))
                 return
             if isinstance(taken, Shot):
                 yield taken
                 heard = time.monotonic()
                 continue
             if taken is not None:
-                self._skipped[taken] += 1
+                self.tally.skipped[taken] += 1
             silent_s = time.monotonic() - heard
             if silent_s > self._config.timeout_s or not camera.is_connected:
-                _log.warning("%s: no images for %.1f s, opening it anew", self._title, silent_s)
+                _log.warning("%s: no images for %.1f s, opening it anew", self.name, silent_s)
                 return
 
     def _connected(self, heard: float) -> RealsenseCamera | None:
@@ -215,7 +208,7 @@ class RealsenseSource:
         if silent_s > self._config.reconnect_s:
             left_out = ", ".join(f"{n} x {reason}" for reason, n in self.skipped.items())
             raise InputError(
-                f"{self._title}: no image that can be used for {silent_s:.0f} s (camera.reconnect_s). "
+                f"{self.name}: no image that can be used for {silent_s:.0f} s (camera.reconnect_s). "
                 + (why or f"Left out: {left_out}")
             )
 

@@ -12,8 +12,9 @@ roughly up, and with `level` the map is turned once so that the floor seen from 
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,7 @@ from swardmap.geometry import Float64Array, Intrinsics, Pose, deproject
 from swardmap.io.files import read_bytes
 from swardmap.io.images import read_color, read_depth
 from swardmap.io.number_tables import parse_table
+from swardmap.io.sources.source import Source, Tally
 from swardmap.perception.ground_plane import fit_ground, level_pose
 from swardmap.types import Frame, depth_in_metres
 
@@ -50,72 +52,34 @@ class Entry:
     fault: str = ""
 
 
-class ThreeDMatchSource:
-    """Frames of one sequence; opened by `open_source`."""
+@dataclass(frozen=True, slots=True)
+class Sequence:
+    """One sequence: its folder, its camera, and its frames."""
 
-    def __init__(
-        self, path: Path, entries: Sequence[Entry], camera: Intrinsics, depth_unit_m: float, level: bool
-    ) -> None:
-        self._path, self._entries = path, list(entries)
-        self._camera, self._depth_unit_m = camera, depth_unit_m
-        self._skipped: Counter[str] = Counter()
-        self._T_map_world = self._levelled() if level else Pose.identity("map", "world")
+    path: Path
+    entries: tuple[Entry, ...]
+    camera: Intrinsics
+    depth_unit_m: float
 
-    @property
-    def name(self) -> str:
-        """Name of the folder."""
-        return self._path.resolve().name
-
-    @property
-    def frame_count(self) -> int:
-        """Frames chosen; those that miss a part are counted in `skipped` and not yielded."""
-        return len(self._entries)
-
-    @property
-    def label_set(self) -> None:
-        """These sequences have no labels."""
-        return None
-
-    @property
-    def skipped(self) -> Mapping[str, int]:
-        """Frames left out by the last iteration, by reason."""
-        return dict(self._skipped)
-
-    @property
-    def T_map_world(self) -> Pose:
-        """How the map lies in the world of the recording: levelled, or the same."""
-        return self._T_map_world
-
-    def __iter__(self) -> Iterator[Frame]:
-        """Read frame by frame."""
-        self._skipped.clear()
-        for entry in self._entries:
+    def frames(self, T_map_world: Pose, tally: Tally) -> Iterator[Frame]:
+        """The frames in a map that lies so in the world of the recording; what misses a part is counted."""
+        for entry in self.entries:
             if entry.T_world_camera is None:
-                self._skipped[entry.fault] += 1
+                tally.skip(entry.fault, f"{entry.name}: {entry.fault}")
             else:
-                yield self._read(entry, entry.T_world_camera)
+                yield self._read(entry, T_map_world @ entry.T_world_camera)
 
-    def _read(self, entry: Entry, T_world_camera: Pose) -> Frame:
-        color = _color_file(self._path, entry.name)
-        try:
-            return Frame(
-                stamp_ns=entry.number * PERIOD_NS,
-                intrinsics=self._camera,
-                rgb=read_color(color),
-                depth=_read_depth(self._path, entry.name),
-                depth_unit_m=self._depth_unit_m,
-                T_map_camera=self._T_map_world @ T_world_camera,
-                name=entry.name,
-            )
-        except InvalidValueError as error:
-            raise InputError(f"{self._path}: {error}") from error
+    def T_map_world(self) -> Pose:
+        """Where the floor seen from cameras that were held upright is z = 0.
 
-    def _levelled(self) -> Pose:
-        usable = [(e.name, e.T_world_camera) for e in self._entries if e.T_world_camera is not None]
+        Raises:
+            InputError: if they were not, or no floor is seen.
+        """
+        usable = [(e.name, e.T_world_camera) for e in self.entries if e.T_world_camera is not None]
         up = np.mean([-pose.matrix[:3, 1] for _, pose in usable], axis=0)
         if np.linalg.norm(up) < MIN_AGREEMENT:
             raise InputError(
-                f"{self._path}: cannot tell what is up, the camera was not held upright; "
+                f"{self.path}: cannot tell what is up, the camera was not held upright; "
                 "set source.level=false to take the world as it is"
             )
         spread = np.unique(np.linspace(0, len(usable) - 1, LEVEL_FRAMES).round().astype(int))
@@ -125,17 +89,32 @@ class ThreeDMatchSource:
             plane = fit_ground(np.concatenate(points), up, np.concatenate(views))
         except InputError as error:
             raise InputError(
-                f"{self._path}: {error}; set source.level=false to take the world as it is"
+                f"{self.path}: {error}; set source.level=false to take the world as it is"
             ) from error
         return level_pose(plane, parent="map", child="world")
 
+    def _read(self, entry: Entry, T_map_camera: Pose) -> Frame:
+        color = _color_file(self.path, entry.name)
+        try:
+            return Frame(
+                stamp_ns=entry.number * PERIOD_NS,
+                intrinsics=self.camera,
+                rgb=read_color(color),
+                depth=_read_depth(self.path, entry.name),
+                depth_unit_m=self.depth_unit_m,
+                T_map_camera=T_map_camera,
+                name=entry.name,
+            )
+        except InvalidValueError as error:
+            raise InputError(f"{self.path}: {error}") from error
+
     def _world_points(self, name: str, T_world_camera: Pose) -> Float64Array:
         """(N, 3) some points of a frame in the world."""
-        depth = _read_depth(self._path, name)
+        depth = _read_depth(self.path, name)
         try:
-            xyz = deproject(depth_in_metres(depth, self._depth_unit_m), self._camera)
+            xyz = deproject(depth_in_metres(depth, self.depth_unit_m), self.camera)
         except InvalidValueError as error:
-            raise InputError(f"{self._path}: frame {name}: {error}") from error
+            raise InputError(f"{self.path}: frame {name}: {error}") from error
         some = xyz[::LEVEL_STRIDE, ::LEVEL_STRIDE].reshape(-1, 3)
         return T_world_camera.apply(some[np.isfinite(some[:, 2])])
 
@@ -145,7 +124,7 @@ def recognises(path: Path) -> bool:
     return any(_frame_names(folder) and _intrinsics_file(folder) for folder in _candidates(path))
 
 
-def open_source(path: Path, config: SourceConfig) -> ThreeDMatchSource:
+def open_source(path: Path, config: SourceConfig) -> Source:
     """Open one sequence; a folder that holds a single seq-... folder stands for it.
 
     Raises:
@@ -166,7 +145,9 @@ def open_source(path: Path, config: SourceConfig) -> ThreeDMatchSource:
         )
     height, width = _read_depth(folder, first.name).shape
     camera = _camera(K, width, height, intrinsics_file)
-    return ThreeDMatchSource(folder, entries, camera, config.depth_unit_m or MILLIMETRE_M, config.level)
+    sequence = Sequence(folder, tuple(entries), camera, config.depth_unit_m or MILLIMETRE_M)
+    T_map_world = sequence.T_map_world() if config.level else Pose.identity("map", "world")
+    return Source(folder.resolve().name, len(entries), None, partial(sequence.frames, T_map_world))
 
 
 def parse_pose(content: bytes, name: str) -> Pose | None:

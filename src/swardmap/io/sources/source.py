@@ -1,0 +1,56 @@
+"""What all sources that are read share: what is known of them, and the count of what they leave out."""
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+from swardmap.labels import LabelSet
+from swardmap.types import Frame
+
+
+@dataclass(slots=True)
+class Tally:
+    """What one pass through a source left out.
+
+    Attributes:
+        skipped: how often each reason came.
+        first: the first of each reason in full, where there is more to say than the reason.
+    """
+
+    skipped: Counter[str] = field(default_factory=Counter)
+    first: dict[str, str] = field(default_factory=dict)
+
+    def skip(self, reason: str, detail: str = "", count: int = 1) -> None:
+        """Count what was left out."""
+        self.skipped[reason] += count
+        if detail:
+            self.first.setdefault(reason, detail)
+
+
+@dataclass(slots=True)
+class Source:
+    """Frames that can be read again from the beginning; see `swardmap.io.FrameSource`.
+
+    Attributes:
+        name: what a person would call it.
+        frame_count: at most; frames that miss a part are counted in `skipped` and not yielded.
+        label_set: classes of the true labels, or None.
+        read: yields the frames in order of time, and counts in its argument what it leaves out.
+        tally: of the last iteration so far.
+    """
+
+    name: str
+    frame_count: int | None
+    label_set: LabelSet | None
+    read: Callable[[Tally], Iterator[Frame]]
+    tally: Tally = field(default_factory=Tally)
+
+    @property
+    def skipped(self) -> dict[str, int]:
+        """What the last iteration left out so far, by reason."""
+        return {reason: count for reason, count in self.tally.skipped.items() if count}
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Read from the beginning."""
+        self.tally = Tally()
+        return self.read(self.tally)
