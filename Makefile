@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 VENV_ROS := .venv-ros
 
-.PHONY: demo test test-slow test-ros full-setup check format bench wheel-check clean
+.PHONY: demo test coverage test-slow test-ros test-pythons docs full-setup check format bench wheel-check clean
 
 $(READY): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -20,6 +20,13 @@ demo: $(READY)            ## the main job: a garden to an obstacle map, pictures
 test: $(READY)            ## all tests but the slow ones
 	$(BIN)/python -m pytest -n auto
 
+# tests that run on a machine without recordings, cameras, ROS, a browser or a GPU; what silently skips
+# turns the run red
+LEAST_EXECUTED ?= 2600
+
+coverage: $(READY)        ## all tests but the slow ones, with floors on lines covered and on tests executed
+	$(BIN)/python -m pytest -n auto --cov --cov-report=term --least-executed $(LEAST_EXECUTED)
+
 test-slow: $(READY)       ## the slow tests
 	$(BIN)/python -m pytest -m slow
 
@@ -31,6 +38,15 @@ test-ros:                 ## the ROS 2 node over real DDS; skipped where there a
 	else \
 	  echo "skipped: the wheels of ROS 2 cannot be had for this Python and platform (see above)"; \
 	fi
+
+test-pythons:             ## the tests on each version of Python that is declared and found, in environments of their own
+	@for version in 3.11 3.12 3.13; do \
+	  if command -v python$$version >/dev/null && python$$version -c '' 2>/dev/null; then \
+	    $(MAKE) test PYTHON=python$$version VENV=.venv-$$version || exit 1; \
+	  else \
+	    echo "skipped: no python$$version on this machine"; \
+	  fi; \
+	done
 
 full-setup: $(READY)      ## every extra that runs without hardware; torch first, as a CPU build where there is one
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check torch==2.13.0
@@ -45,6 +61,10 @@ format: $(READY)          ## put the code in order
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
+docs: $(READY)            ## the pages and the API as a site in site/, searchable and readable without a network
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev,docs]'
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+
 bench: $(READY)           ## the numbers of docs/benchmarks.md
 	$(BIN)/python benchmarks/bench_pipeline.py
 
@@ -56,4 +76,4 @@ wheel-check: $(READY)     ## build the wheel, install it in a clean environment,
 	cd build && clean/bin/swardmap demo --out demo --frames 3 --overwrite
 
 clean:
-	rm -rf build dist demo .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf build dist demo site .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -10,6 +10,9 @@ from hypothesis import settings
 from swardmap.geometry import Intrinsics, mount_pose
 from swardmap.labels import GRASS_OBSTACLE_PERSON
 from swardmap.types import Frame, Segmentation
+from tests.floor import pytest_addoption, pytest_configure
+
+__all__ = ["pytest_addoption", "pytest_configure"]  # hooks that pytest finds here
 
 # the first example of a property may wait for a kernel to compile
 settings.register_profile("swardmap", deadline=None)
