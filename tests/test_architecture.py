@@ -25,7 +25,7 @@ MAY_IMPORT: dict[str, tuple[str, ...]] = {
     "io": CORE,
     "models": (*CORE, "io"),
     "viz": (*CORE, "io"),
-    "runs": (*CORE, "io", "models", "viz"),
+    "runs": (*CORE, "kernels", "io", "models", "viz"),
     "eval": (*CORE, "kernels", "runs", "io", "models", "viz"),
     "synth": (*CORE, "runs", "io"),
     "train": (*CORE, "io", "models"),

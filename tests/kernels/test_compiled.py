@@ -7,7 +7,7 @@ import pytest
 from numba.core import caching
 
 from swardmap import kernels
-from swardmap.kernels.compiled import compiled
+from swardmap.kernels.compiled import compiled, machine_code_count
 
 
 def doubled(values: "np.ndarray[tuple[int], np.dtype[np.int64]]") -> int:
@@ -36,3 +36,11 @@ def test_every_kernel_is_imported_where_nothing_can_be_written() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-500:]
+
+
+def test_new_machine_code_is_counted_once_for_each_layout() -> None:
+    kernel = compiled()(doubled)
+    before = machine_code_count()
+    for values in (np.arange(4), np.arange(5), np.arange(8)[::2]):
+        kernel(values)
+    assert machine_code_count() == before + 2

@@ -16,8 +16,9 @@ from swardmap.io.clouds.cloud_files import read_cloud
 from swardmap.io.maps.map_files import read_costmap, read_map
 from swardmap.io.sources.folder import write_folder
 from swardmap.labels import GRASS_OBSTACLE_PERSON, MapClass
-from swardmap.pipeline import StepResult
-from swardmap.runs.recording import map_recording
+from swardmap.models.oracle import TruthSegmenter
+from swardmap.pipeline import ObstacleMapper, StepResult
+from swardmap.runs.recording import RunTotals, map_recording
 from swardmap.synth.analytic import AnalyticSource, garden_scene, lane_poses
 from swardmap.types import Frame
 
@@ -194,3 +195,21 @@ def test_both_kinds_of_evidence_are_counted_and_written(tmp_path: Path) -> None:
         assert (tmp_path / "out" / "frames" / f"{step.frame.name}.png").is_file()
     plain = map_recording(source(1), None, replace(TRUTH, geometry=Config().geometry))
     assert plain.summary["evidence_cells"] is None
+
+
+def test_compiling_does_not_count_as_speed(monkeypatch: pytest.MonkeyPatch) -> None:
+    counts = iter([0, 3, 3, 3])  # at the start, and after each frame: the first one waited
+    monkeypatch.setattr("swardmap.runs.recording.machine_code_count", lambda: next(counts))
+    totals = RunTotals(machine_code=next(counts))
+    steps = list(ObstacleMapper(TruthSegmenter(GRASS_OBSTACLE_PERSON)).run(source(3)))
+    for step, milliseconds in zip(steps, (9_000.0, 2.0, 4.0), strict=True):
+        totals.add(replace(step, timings_ms={"grid": milliseconds}))
+    assert totals.timing_summary() == {"grid": {"mean": 3.0, "p50": 3.0, "p99": 3.98}}
+    assert totals.compiling_ms["grid"].tolist() == [9_000.0]
+
+
+def test_a_run_of_one_frame_has_timings_too() -> None:
+    totals = RunTotals(machine_code=-1)
+    step = next(ObstacleMapper(TruthSegmenter(GRASS_OBSTACLE_PERSON)).run(source(1)))
+    totals.add(step)
+    assert set(totals.timing_summary()) == set(step.timings_ms)

@@ -3,6 +3,7 @@
 OUT/map.yaml, map.pgm         the accumulated map (Nav2's map_server reads it)
 OUT/costmap.yaml, costmap.pgm its costmap
 OUT/living.npz                its evidence, where grid.mode is evidence
+OUT/report.html               a page about all of it, to be opened in a browser
 OUT/map.png, costmap.png      pictures of both
 OUT/frames/NAME.png           a picture of each n-th frame
 OUT/clouds/NAME.pcd           labelled clouds in the map frame, if asked for
@@ -12,6 +13,8 @@ OUT/summary.json, config.yaml what was counted, and all settings used
 """
 
 import json
+import shlex
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -29,6 +32,7 @@ from swardmap.labels import MapClass
 from swardmap.mapping.costmap import Costmap
 from swardmap.mapping.log_odds_map import LogOddsMap
 from swardmap.pipeline import ObstacleMapper, StepResult
+from swardmap.viz.map_album import Album
 
 
 class RunWriter:
@@ -45,12 +49,14 @@ class RunWriter:
         self._config = config
         self._every = _every_nth(config.output.pictures, frame_count)
         self._frames = 0
+        self._album = Album(bool(self._every), config.grid.resolution_m / 2)
         write_text(folder / "config.yaml", config_to_yaml(config), durable=False)
 
     def add(self, step: StepResult, mapper: ObstacleMapper) -> None:
         """Write what one frame gave."""
         output, name = self._config.output, _file_name(step, self._frames)
         self._frames += 1
+        self._album.add(step.frame, step.segmentation, step.frame.T_map_camera)
         if output.clouds != "none":
             write_cloud(step.cloud(self._config), self._folder / "clouds" / f"{name}.{output.clouds}")
         if output.frame_maps or step.frame.T_map_camera is None:
@@ -71,6 +77,7 @@ class RunWriter:
         log_odds: LogOddsMap | None = None,
     ) -> None:
         """Write the accumulated map, its evidence if it has any, and the summary."""
+        from swardmap.viz.map_page import map_page
         from swardmap.viz.pictures import costmap_picture, map_picture
 
         if log_odds is not None:
@@ -81,6 +88,10 @@ class RunWriter:
             if self._every:
                 write_bytes(self._folder / "map.png", encode_png(map_picture(grid, costmap.costs)))
                 write_bytes(self._folder / "costmap.png", encode_png(costmap_picture(costmap)))
+        page = map_page(
+            grid, costmap, self._album, summary, config_to_yaml(self._config, comments=False), typed_command()
+        )
+        write_text(self._folder / "report.html", page, durable=False)
         write_text(self._folder / "summary.json", json.dumps(summary, indent=2) + "\n")
 
     def _write_picture(self, name: str, step: StepResult, mapper: ObstacleMapper) -> None:
@@ -97,6 +108,12 @@ class RunWriter:
             by_geometry=step.observation.by_geometry,
         )
         write_bytes(self._folder / "frames" / f"{name}.png", encode_png(picture), durable=False)
+
+
+def typed_command() -> str | None:
+    """The command line that is running, if it is one of swardmap."""
+    name = Path(sys.argv[0]).name if sys.argv else ""
+    return shlex.join(["swardmap", *sys.argv[1:]]) if name in ("swardmap", "__main__.py") else None
 
 
 def _every_nth(configured: int | None, frame_count: int | None) -> int:

@@ -189,7 +189,7 @@ def _sampled(cells: NDArray[Any], spec: GridSpec, view: View, outside: int) -> N
     """Value of the cell under each pixel; the highest where cells are smaller than pixels."""
     block = int(np.ceil(1 / (view.px_per_m * spec.resolution_m) - 1e-9))
     if block > 1:
-        cells = _block_max(cells, block)
+        cells = block_max(cells, block)
         spec = replace(
             spec, resolution_m=spec.resolution_m * block, width=cells.shape[1], height=cells.shape[0]
         )
@@ -200,7 +200,10 @@ def _sampled(cells: NDArray[Any], spec: GridSpec, view: View, outside: int) -> N
     return values
 
 
-def _block_max(cells: NDArray[Any], block: int) -> NDArray[Any]:
+def block_max(cells: NDArray[Any], block: int) -> NDArray[Any]:
+    """The highest value of each block of `block` x `block` cells; the last may be smaller."""
+    if block == 1:
+        return cells
     starts = (np.arange(0, cells.shape[0], block), np.arange(0, cells.shape[1], block))
     return np.maximum.reduceat(np.maximum.reduceat(cells, starts[0], axis=0), starts[1], axis=1)
 
