@@ -1,15 +1,18 @@
-"""Depth 2 of the API: frame by frame, with your own source and your own segmenter.
+"""Depth 2 of the API: frame by frame, with your own segmenter.
 
-python examples/step_by_step.py
+python examples/step_by_step.py [my_recording]
 """
+
+import sys
+from pathlib import Path
 
 import numpy as np
 
-from swardmap.config import Config
-from swardmap.labels import GRASS_OBSTACLE, MapClass
-from swardmap.pipeline import ObstacleMapper
-from swardmap.synth.analytic import AnalyticSource, garden_scene, lane_poses
-from swardmap.types import Frame, Segmentation
+import swardmap
+from swardmap import Config, Frame, MapClass, ObstacleMapper, Segmentation, open_source
+from swardmap.labels import GRASS_OBSTACLE
+
+DEMO = Path(swardmap.__file__).parent / "data" / "demo"
 
 
 class GreenIsGrass:
@@ -24,10 +27,9 @@ class GreenIsGrass:
         return Segmentation(np.where(grass, 1, 0).astype(np.uint8), self.label_set)
 
 
-def main() -> None:
-    source = AnalyticSource(garden_scene(seed=3), tuple(lane_poses(5, step_m=0.3)))
+def main(recording: str | Path = DEMO) -> None:
     mapper = ObstacleMapper(GreenIsGrass(), Config())
-    for step in mapper.run(source):
+    for step in mapper.run(open_source(recording)):
         nearest = np.count_nonzero(step.seen.is_obstacle)
         print(f"frame {step.frame.name}: {nearest} obstacle cells, {step.counts.inconsistent} flying pixels")
     grid, costmap = mapper.map, mapper.costmap()
@@ -37,4 +39,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(*sys.argv[1:2])

@@ -17,6 +17,7 @@ from swardmap.config import Config, SourceConfig, config_from_dict
 from swardmap.io import SOURCES, open_source
 from swardmap.io.files import write_bytes
 from swardmap.io.images import encode_png
+from swardmap.io.maps.map_files import read_costmap
 from swardmap.labels import MapClass
 from swardmap.runs.recording import map_recording
 
@@ -67,7 +68,7 @@ def test_links_lead_somewhere(page: str) -> None:
 @each_page
 def test_pages_that_are_named_exist(page: str) -> None:
     for name in re.findall(
-        r"\b((?:docs|examples|benchmarks|tests|src)/[\w/.-]+\.(?:md|py|jpg|png))\b", TEXTS[page]
+        r"\b((?:docs|examples|benchmarks|tests|src)/[\w/.-]+\.(?:md|py|ipynb|jpg|png))\b", TEXTS[page]
     ):
         assert (ROOT / name).exists(), f"{page}: {name}"
 
@@ -156,9 +157,11 @@ def test_commands_that_need_nothing_run(command: str, capsys: pytest.CaptureFixt
     assert capsys.readouterr().out
 
 
-def test_python_shown_in_the_readme_imports() -> None:
+def test_python_shown_in_the_readme_runs(tmp_path: Path) -> None:
     blocks = re.findall(r"```python\n(.*?)```", TEXTS["README.md"], re.DOTALL)
-    imports = [line for block in blocks for line in block.splitlines() if re.match(r"(from|import) ", line)]
-    assert imports
-    environment = os.environ | {"PYTHONWARNINGS": "error"}
-    subprocess.run([sys.executable, "-c", "\n".join(imports)], env=environment, check=True)
+    assert blocks
+    for block in blocks:
+        environment = os.environ | {"PYTHONWARNINGS": "error"}
+        subprocess.run([sys.executable, "-c", block], env=environment, check=True, cwd=tmp_path)
+    costs = read_costmap(tmp_path / "my_costmap.yaml").costs
+    assert np.count_nonzero(costs == 254) > 20  # a wall at 2.5 m

@@ -92,3 +92,19 @@ def test_masks_and_clouds_are_checked() -> None:
         Segmentation(np.zeros((2, 3), np.uint8), GRASS_OBSTACLE_PERSON, np.zeros((3, 2), np.float32))
     with pytest.raises(InvalidValueError, match="cloud: labels"):
         LabeledCloud(np.zeros((2, 3), np.float32), np.zeros(3, np.uint8), "map", GRASS_OBSTACLE_PERSON)
+
+
+@pytest.mark.parametrize("matrix", [np.eye(4), np.eye(4, dtype=np.float32), np.eye(4).tolist()])
+def test_a_matrix_is_taken_for_a_pose(flat_lawn: tuple[Frame, Segmentation], matrix: Any) -> None:
+    frame = replace(flat_lawn[0], T_map_camera=matrix)
+    assert frame.T_map_camera is not None
+    assert (frame.T_map_camera.parent, frame.T_map_camera.child) == ("map", "camera")
+    np.testing.assert_array_equal(frame.T_map_camera.matrix, np.eye(4))
+
+
+@pytest.mark.parametrize(
+    "matrix", [np.eye(3), 2 * np.eye(4), np.full((4, 4), np.nan), "map", 5, [[1, 2], [3]]]
+)
+def test_what_is_no_pose_is_refused_at_once(flat_lawn: tuple[Frame, Segmentation], matrix: Any) -> None:
+    with pytest.raises(InvalidValueError, match="frame lawn: T_map_camera: expected a Pose"):
+        replace(flat_lawn[0], T_map_camera=matrix)

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from swardmap.grid import GridSpec as GridSpec
     from swardmap.grid import OccupancyGrid as OccupancyGrid
     from swardmap.io import open_source as open_source
+    from swardmap.io.maps.map_files import write_costmap as write_costmap
+    from swardmap.io.maps.map_files import write_map as write_map
     from swardmap.labels import LabelSet as LabelSet
     from swardmap.labels import MapClass as MapClass
     from swardmap.mapping.costmap import Costmap as Costmap
@@ -40,6 +42,7 @@ _HOME = {
     "SwardmapError": "errors", "Intrinsics": "geometry", "Pose": "geometry", "GridSpec": "grid",
     "OccupancyGrid": "grid", "open_source": "io", "LabelSet": "labels", "MapClass": "labels",
     "build_segmenter": "models", "ObstacleMapper": "pipeline", "map_recording": "runs.recording",
+    "write_costmap": "io.maps.map_files", "write_map": "io.maps.map_files",
     "Frame": "types", "LabeledCloud": "types", "Segmentation": "types",
 }  # fmt: skip
 

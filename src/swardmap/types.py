@@ -25,8 +25,9 @@ class Frame:
         depth: (H, W) along the optical axis; uint16 in units of `depth_unit_m`, 0 = no reading, or
             float32 in metres, where 0, NaN and infinity mean no reading (REP-118).
         depth_unit_m: metres per unit of a uint16 depth image; 1 for float32.
-        T_map_camera: pose of the optical frame when the image was taken; None if the source knows
-            none (then each frame is mapped on its own, by the configured mount).
+        T_map_camera: pose of the optical frame when the image was taken, as a Pose, or as a (4, 4) matrix
+            that becomes one; None if the source knows none (then each frame is mapped on its own, by the
+            configured mount).
         labels: (H, W) uint8 true classes in ids of `label_set`, when the source has them.
         label_set: classes of `labels`.
         name: what a person would call this frame: file stem or index.
@@ -54,6 +55,7 @@ class Frame:
                 f"{who}: expected a positive depth unit in metres (0.001 for millimetres), "
                 f"got {self.depth_unit_m}"
             )
+        object.__setattr__(self, "T_map_camera", _pose_of(who, self.T_map_camera))
         if self.depth.dtype == np.float32:
             object.__setattr__(self, "depth_unit_m", 1.0)
         if self.labels is not None:
@@ -175,6 +177,18 @@ def nearest_indices(size_out: int, size_in: int) -> NDArray[np.intp]:
     [0, 0, 0, 1, 1]
     """
     return (np.arange(size_out) * size_in) // size_out
+
+
+def _pose_of(who: str, given: object) -> Pose | None:
+    if given is None or isinstance(given, Pose):
+        return given
+    try:
+        return Pose("map", "camera", np.asarray(given, np.float64))
+    except (TypeError, ValueError) as error:
+        raise InvalidValueError(
+            f"{who}: T_map_camera: expected a Pose, a rigid 4x4 matrix or None, "
+            f"got {type(given).__name__} ({error})"
+        ) from error
 
 
 def _check_array(
