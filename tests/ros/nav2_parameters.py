@@ -91,7 +91,7 @@ POLYGON: dict[str, Any] = {
     # nav2_collision_monitor/src/polygon.cpp, getCommonParameters(); circle.cpp, getParameters()
     "type": "", "action_type": "", "enabled": True, "min_points": 4, "visualize": False,
     "time_before_collision": 2.0, "simulation_time_step": 0.1, "slowdown_ratio": 0.5, "radius": 0.0,
-    "sources_names": [],
+    "sources_names": [], "points": "",
 }  # fmt: skip
 
 MONITOR_SOURCE: dict[str, Any] = {

@@ -1,5 +1,6 @@
 """The files for Nav2 against what Nav2 declares, and against what the node publishes."""
 
+import re
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -27,6 +28,8 @@ from tests.ros.nav2_parameters import (
     POLYGON,
     SOURCES,
 )
+from tests.ros.nav2_twins import JOINS_PARENT, inscribed_of, layer_topic, resolved
+from tests.ros.node_process import ROOT
 
 MARGIN = config_from_dict({"costmap": {"margin_m": 0.38, "person_margin_m": 0.5, "inscribed_radius_m": 0.32}})
 COSTMAPS = ("map", "costs", "obstacles", "stvl", "semantic")
@@ -94,14 +97,14 @@ def test_the_margin_is_in_all_of_them_the_larger_one_where_nav2_does_not_know_pe
     found = trees()
     for name in ("map", "obstacles", "stvl", "semantic"):
         for costmap in costmaps(found[f"{name}.yaml"]):
-            assert costmap["footprint_padding"] == 0.5
-            assert costmap["robot_radius"] == 0.32
+            assert costmap["footprint_padding"] == 0.0
+            assert inscribed_of(costmap) == pytest.approx(0.32 + 0.5, abs=2e-4)
             assert costmap["inflation_layer"]["inflation_radius"] == pytest.approx(0.5 + 0.55)
     monitor = found["collision_monitor.yaml"]["collision_monitor"]["ros__parameters"]
     assert monitor["stop_zone"]["radius"] == pytest.approx(0.32 + 0.5)
     for costmap in costmaps(found["costs.yaml"]):  # they have been grown already: once is enough
         assert costmap["plugins"] == ["swardmap_layer"]
-        assert "footprint_padding" not in costmap
+        assert inscribed_of(costmap) == pytest.approx(0.32, abs=2e-4)
 
 
 def test_unknown_is_free_in_none_of_them() -> None:
@@ -129,6 +132,33 @@ def test_every_topic_is_one_that_the_node_publishes(cameras: tuple[str, ...]) ->
             assert topic.rpartition("/")[2] in TOPICS[key]
             seen.add(topic)
     assert {f"/mower/swardmap/{camera}/obstacles" for camera in cameras} <= seen
+
+
+@pytest.mark.parametrize("distribution", JOINS_PARENT)
+@pytest.mark.parametrize("namespace", ["", "/mower1", "/fleet/mower1"])
+def test_nav2_subscribes_to_what_the_node_publishes(namespace: str, distribution: str) -> None:
+    """Names resolved as ROS and each Nav2 do it, wherever Nav2 itself runs, and remapped on both sides."""
+    at, files = namespace or "/", trees(namespace=namespace)
+    for name, kind in (("map", "map"), ("costs", "costmap")):
+        published = resolved(f"~/{kind}", at, "swardmap")
+        remaps = {published: "/lawn/map"}
+        for where, tree in files[f"{name}.yaml"].items():
+            topic = tree[where]["ros__parameters"]["swardmap_layer"]["map_topic"]
+            for nav2_at in ("/", "/nav", at):
+                heard = layer_topic(topic, where, nav2_at, distribution)
+                assert heard == published
+                assert f"{heard}_updates" == resolved(f"~/{kind}_updates", at, "swardmap")
+                remapped = layer_topic(topic, where, nav2_at, distribution, remaps)
+                assert remapped == resolved(f"~/{kind}", at, "swardmap", remaps) == "/lawn/map"
+
+
+@pytest.mark.parametrize("distribution", JOINS_PARENT)
+def test_the_map_topic_that_the_page_names_is_map_servers(distribution: str) -> None:
+    """`map_topic: map` would be /global_costmap/map in Humble and Jazzy: no map at all."""
+    page = (ROOT / "docs/nav2.md").read_text(encoding="utf-8")
+    (topic,) = set(re.findall(r"`map_topic: ([\w/]+)`", page.split("## Maps as files")[1]))
+    for costmap in ("global_costmap", "local_costmap"):
+        assert layer_topic(topic, costmap, "/", distribution) == resolved("map", "/", "map_server")
 
 
 def test_the_classes_of_the_semantic_layer_are_those_of_the_network() -> None:
@@ -171,7 +201,7 @@ def test_the_verb_takes_the_margin_file_and_the_rig(tmp_path: Path) -> None:
     assert run(["nav2", str(tmp_path / "out"), *options, "--namespace", "/mower"]) == 0
     assert {p.stem for p in (tmp_path / "out").iterdir()} == {*NAMES, "fastdds"}
     (costmap,) = costmaps(yaml.safe_load((tmp_path / "out/stvl.yaml").read_text()))
-    assert costmap["footprint_padding"] == 0.21
+    assert inscribed_of(costmap) == pytest.approx(0.3 + 0.21, abs=2e-4)
     layer = costmap["stvl_layer"]
     assert layer["rear_left_mark"]["topic"] == "/mower/swardmap/rear_left/obstacles"
     assert run(["nav2", str(tmp_path / "out")]) == 1  # it does not write over what somebody may have changed

@@ -11,6 +11,7 @@ EXAMPLES = """\b
 Examples:
   swardmap nav2 nav2_params
   swardmap nav2 nav2_params --config margin.yaml --rig rig.yaml --set costmap.inscribed_radius_m=0.32
+  swardmap nav2 nav2_params --footprint '[[0.5, 0.3], [0.5, -0.3], [-0.3, -0.3], [-0.3, 0.3]]'
 """
 
 
@@ -21,17 +22,23 @@ def nav2_command(
     ] = None,
     namespace: Annotated[str, typer.Option("--namespace", help="Of the node, such as /mower1.")] = "",
     map_frame: Annotated[str, typer.Option("--map-frame", help="Frame of the poses.")] = "map",
+    footprint: Annotated[
+        str | None,
+        typer.Option("--footprint", help="Outline of the robot from its base, [[x, y], ...] in metres."),
+    ] = None,
     config: ConfigFile = None,
     set_: Settings = None,
 ) -> None:
     """Write ready parameter files for the node and for Nav2, with your margin (docs/nav2.md)."""
     chosen = settings(config, list(set_ or []))
     from swardmap.rig.rig import read_rig
+    from swardmap.ros.footprint import footprint_from_text
     from swardmap.ros.nav2_files import nav2_files, write_nav2_files
 
     found = None if rig is None else read_rig(rig)
     cameras, base_frame = (("camera",), "base_link") if found is None else (found.names, found.base_frame)
-    files = nav2_files(chosen, cameras, namespace, base_frame, map_frame)
+    outline = None if footprint is None else footprint_from_text(footprint)
+    files = nav2_files(chosen, cameras, namespace, base_frame, map_frame, outline)
     write_nav2_files(out, files)
     for name in files:
         print(out / name)

@@ -5,11 +5,13 @@ The templates are in `swardmap/data/nav2`; what they name is held against Nav2's
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from string import Template
 
 from swardmap.config import Config
 from swardmap.errors import InvalidValueError
+from swardmap.ros.footprint import Footprint, corners_text, nav2_shape
 
 FOLDER = Path(__file__).parent.parent / "data" / "nav2"
 
@@ -33,6 +35,7 @@ def nav2_files(
     namespace: str = "",
     base_frame: str = "base_link",
     map_frame: str = "map",
+    footprint: Footprint | None = None,
 ) -> dict[str, str]:
     """The text of each file, by its name.
 
@@ -42,9 +45,12 @@ def nav2_files(
         namespace: of the node, such as `/mower1`; empty = none.
         base_frame: of the robot.
         map_frame: of the poses.
+        footprint: outline of the robot, whose inscribed radius is then that of the costs; None = a circle of
+            `costmap.inscribed_radius_m`.
 
     Raises:
         InvalidValueError: for a namespace that ROS does not take, or no camera.
+        ConfigError: if the costs do not reach beyond the footprint.
     """
     if namespace and (not namespace.startswith("/") or namespace.endswith("/")):
         raise InvalidValueError(
@@ -52,7 +58,10 @@ def nav2_files(
         )
     if not cameras:
         raise InvalidValueError("expected at least one camera, got none")
-    values = _values(config) | {
+    if footprint is not None:
+        inscribed_m = round(footprint.inscribed_radius_m, 6)
+        config = replace(config, costmap=replace(config.costmap, inscribed_radius_m=inscribed_m))
+    values = _values(config) | _shapes(config, footprint) | {
         "namespace": namespace, "base_frame": base_frame, "map_frame": map_frame,
         "update_s": repr(FRESH_S if len(cameras) == 1 else 0.0),
     }  # fmt: skip
@@ -78,20 +87,35 @@ def write_nav2_files(folder: str | Path, files: Mapping[str, str]) -> None:
 
 def _values(config: Config) -> dict[str, str]:
     """Numbers of the configuration, as YAML that ROS takes for a float."""
-    costs, cloud = config.costmap, config.cloud
-    person_m = costs.margin_m if costs.person_margin_m is None else costs.person_margin_m
-    margin_m = max(costs.margin_m, person_m)  # Nav2 does not know persons from other obstacles
+    costs, cloud, margin_m = config.costmap, config.cloud, _margin_m(config)
     numbers = {
-        "margin_m": margin_m, "robot_radius_m": costs.inscribed_radius_m,
+        "margin_m": margin_m, "inscribed_radius_m": costs.inscribed_radius_m,
         "own_inflation_radius_m": costs.inflation_radius_m,
         "inflation_radius_m": costs.inflation_radius_m + margin_m,
-        "stop_radius_m": costs.inscribed_radius_m + margin_m,
         "cost_scaling_factor": costs.cost_scaling_factor, "resolution_m": config.grid.resolution_m,
         "min_height_m": cloud.min_height_m, "max_height_m": cloud.max_height_m,
         "min_range_m": cloud.min_range_m, "max_range_m": cloud.max_range_m,
     }  # fmt: skip
-    told = "persons, the larger" if person_m > costs.margin_m else "costmap.margin_m"
+    told = "persons, the larger" if margin_m > costs.margin_m else "costmap.margin_m"
     return {name: repr(round(float(value), 6)) for name, value in numbers.items()} | {"margin_of": told}
+
+
+def _margin_m(config: Config) -> float:
+    """The larger of both margins: Nav2 does not know persons from other obstacles."""
+    costs = config.costmap
+    return max(costs.margin_m, costs.margin_m if costs.person_margin_m is None else costs.person_margin_m)
+
+
+def _shapes(config: Config, footprint: Footprint | None) -> dict[str, str]:
+    """The robot as costmaps and the collision monitor are told it: with the margin, and bare."""
+    radius_m, margin_m = config.costmap.inscribed_radius_m, _margin_m(config)
+    circle = f"radius: {round(radius_m + margin_m, 6)!r}"
+    return {
+        "grown_shape": nav2_shape(radius_m, margin_m, footprint),
+        "bare_shape": nav2_shape(radius_m, 0.0, footprint),
+        "zone_type": "circle" if footprint is None else "polygon",
+        "zone_size": circle if footprint is None else f'points: "{corners_text(footprint, margin_m)}"',
+    }
 
 
 def _filled(name: str, values: Mapping[str, str], cameras: Sequence[str]) -> str:
@@ -111,4 +135,5 @@ def _filled(name: str, values: Mapping[str, str], cameras: Sequence[str]) -> str
 def _aligned(line: str) -> str:
     """The comment behind a value where the others are, however long the value has become."""
     value, sign, comment = line.partition("# ")
-    return line if not (value.strip() and sign) else f"{value.rstrip():<{COMMENT_COLUMN}}# {comment}"
+    value = f"{value.rstrip()}  " if value.strip() else value
+    return line if not (value.strip() and sign) else f"{value:<{COMMENT_COLUMN}}# {comment}"
