@@ -146,6 +146,7 @@ class Ears:
             self.heard[f"{kind}/{stamp}"] = values
             self.heard[f"{kind}_at/{stamp}"] = np.array([origin.x, origin.y, m.info.resolution])
             self.heard[f"{kind}_last"] = values
+            self.heard[f"{kind}_at_last"] = np.array([origin.x, origin.y, m.info.resolution])
             self.heard[f"{kind}_patched"] = values.copy()
             most = self.heard.get(f"{kind}_most", values)  # the one with the most free cells
             self.heard[f"{kind}_most"] = max(most, values, key=lambda v: int((v == 0).sum()))

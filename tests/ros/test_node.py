@@ -11,9 +11,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from swardmap.config import config_from_dict
 from swardmap.geometry import Pose, mount_pose
+from swardmap.grid import GridSpec
 from swardmap.io import open_source
 from swardmap.io.bags.ros_fields import camera_info_fields, image_fields, odometry_fields, tf_fields
 from swardmap.io.files import write_text
@@ -94,15 +96,29 @@ def offline(bag: Path) -> MapRun:
     return map_recording(bag, config=config_from_dict(SETTINGS))
 
 
+def part_of(heard: dict[str, Any], name: str, spec: GridSpec) -> NDArray[np.int8]:
+    """The cells of a grid in one that was given out, which reaches around the robot, too."""
+    kind = name.replace("_", "/").split("/")[0]
+    x, y, resolution_m = heard[f"{kind}_at_last" if name.endswith("_last") else name.replace("/", "_at/")]
+    assert resolution_m == pytest.approx(spec.resolution_m)
+    ix, iy = np.round((np.array(spec.origin_m) - (x, y)) / spec.resolution_m).astype(int).tolist()
+    assert ix >= 0
+    assert iy >= 0
+    whole: NDArray[np.int8] = heard[name]
+    assert whole.shape[0] >= iy + spec.height
+    assert whole.shape[1] >= ix + spec.width
+    if kind == "map":  # nothing is known beside it
+        assert (whole != -1).sum() == (whole[iy:, ix:][: spec.height, : spec.width] != -1).sum()
+    return whole[iy : iy + spec.height, ix : ix + spec.width]
+
+
 def assert_same_map(heard: dict[str, Any], offline: MapRun) -> None:
     assert offline.grid is not None
     assert offline.costmap is not None
-    last_ns = START_NS + (FRAMES - 1) * 100_000_000
-    np.testing.assert_array_equal(heard[f"map/{last_ns}"], offline.grid.nav_values)
-    np.testing.assert_array_equal(heard[f"costmap/{last_ns}"], occupancy_from_costs(offline.costmap.costs))
-    x, y, resolution_m = heard[f"map_at/{last_ns}"]
-    assert (x, y) == offline.grid.spec.origin_m
-    assert resolution_m == pytest.approx(offline.grid.spec.resolution_m)
+    last_ns, spec = START_NS + (FRAMES - 1) * 100_000_000, offline.grid.spec
+    np.testing.assert_array_equal(part_of(heard, f"map/{last_ns}", spec), offline.grid.nav_values)
+    costs = occupancy_from_costs(offline.costmap.costs)
+    np.testing.assert_array_equal(part_of(heard, f"costmap/{last_ns}", spec), costs)
 
 
 def assert_published(topics: dict[str, list[str]], namespace: str) -> None:
@@ -149,7 +165,10 @@ def test_every_output_equals_the_map_of_the_recording(bag: Path, offline: MapRun
     assert names - {"void"} == {"other", "grass"}
     if find_spec("map_msgs") is not None:  # whole maps and updates, one after another
         assert told["updates"] > 0
-        np.testing.assert_array_equal(heard["map_patched"], offline.grid.nav_values)
+        patched = heard | {"map_last": heard["map_patched"]}
+        np.testing.assert_array_equal(
+            part_of(patched, "map_last", offline.grid.spec), offline.grid.nav_values
+        )
     assert told["diagnostics"] > 0
     last = told["health"][-1]
     assert last["mapped"] == {"camera": FRAMES}
@@ -197,7 +216,7 @@ def test_with_30_percent_lost_nothing_is_free_that_is_not(bag: Path, offline: Ma
         if frame.stamp_ns in stamps:
             mapper.step(frame)
     assert mapper.map is not None
-    np.testing.assert_array_equal(heard["map_last"], mapper.map.nav_values)
+    np.testing.assert_array_equal(part_of(heard, "map_last", mapper.map.spec), mapper.map.nav_values)
 
 
 def test_a_killed_node_comes_back(bag: Path, offline: MapRun, tmp_path: Path) -> None:
@@ -249,7 +268,7 @@ def test_of_a_rig_the_pair_that_faces_the_way_makes_one_map(tmp_path: Path) -> N
             T = drive.base_at(x_m) @ rig.T_base_camera(name)
             mapper.step(replace(drive.view(rig, name, x_m, i), stamp_ns=0, T_map_camera=T))
     assert mapper.map is not None
-    np.testing.assert_array_equal(heard["map_last"], mapper.map.nav_values)
+    np.testing.assert_array_equal(part_of(heard, "map_last", mapper.map.spec), mapper.map.nav_values)
 
 
 def test_work_area_margin_geometry_and_evidence_give_the_costs_of_the_recording(
@@ -296,6 +315,26 @@ def test_what_is_wrong_with_the_parameters_is_one_line(text: str, expected: str,
     assert "Traceback" not in done.stderr
     (line,) = [line for line in done.stderr.splitlines() if line.startswith("swardmap: ")]
     assert expected in line
+
+
+def test_transitions_that_a_state_does_not_allow_are_refused_and_the_node_lives(tmp_path: Path) -> None:
+    """As Nav2's lifecycle manager with `autostart` asks a node that has started by itself."""
+    # 1: configure, 2: cleanup, 3: activate, 4: deactivate, 5: shut down when unconfigured
+    with running(tmp_path, SETTINGS, RELIABLY) as robot:
+        answers = robot.ask(*(["change", i] for i in (1, 3, 2, 5)), ["state"], ["change", 99], ["state"])
+        assert answers == [False, False, False, False, "active", False, "active"]
+        assert robot.ask(["change", 4], ["change", 4], ["change", 2], ["state"]) == [
+            True, False, True, "unconfigured"
+        ]  # fmt: skip
+        assert robot.ask(["change", 1], ["change", 3], ["state"]) == [True, True, "active"]
+        assert robot.process.poll() is None
+
+
+def test_a_start_area_is_granted_by_the_service(bag: Path, tmp_path: Path) -> None:
+    with running(tmp_path, SETTINGS, RELIABLY) as robot:
+        (early,) = robot.ask(["call", "grant_start_area"])
+        assert not early[0]
+        assert "pose" in early[1]
 
 
 def test_parameters_services_and_states(bag: Path, tmp_path: Path) -> None:

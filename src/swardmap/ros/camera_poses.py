@@ -79,6 +79,15 @@ class CameraPoses:
         stamps = [stamp for frame in frames if (stamp := self.live.newest_ns(frame)) is not None]
         return None if not stamps else now_ns if min(stamps) == ALWAYS_NS else min(stamps)
 
+    def newest_robot(self) -> tuple[int, Pose] | None:
+        """The newest pose of the robot's base, by odometry or tf, and its stamp; None if it is not known."""
+        base = self._base_frame if self.live.knows(self._base_frame) else self.live.base_frame
+        newest = None if base is None else self.live.newest_ns(base)
+        if base is None or newest is None:
+            return None
+        pose = self.live.lookup(base, newest)
+        return None if pose is None else (newest, pose)
+
     def newest_base(self) -> tuple[int, Pose] | None:
         """The newest pose of the robot's base by tf, and its stamp."""
         newest = self.live.newest_ns(self._base_frame)

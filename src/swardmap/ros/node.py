@@ -10,7 +10,10 @@ from typing import Any
 from swardmap.errors import ConfigError, SwardmapError
 from swardmap.io.sources.pairing import COLOR, DEPTH
 from swardmap.models import build_segmenter
+from swardmap.monitor.diagnostics import Severity
+from swardmap.ros.bond import Bond
 from swardmap.ros.inputs import is_compressed
+from swardmap.ros.lifecycle import refuse_wrong_transitions
 from swardmap.ros.outputs import Outputs
 from swardmap.ros.parameters import Declaration, Parameters, changed, declarations, parameters_from
 from swardmap.ros.services import serve
@@ -43,6 +46,7 @@ class RobotNode:
         from rclpy.lifecycle import LifecycleNode
 
         self.node = LifecycleNode(name)
+        refuse_wrong_transitions(self.node)
         self.parameters = defaults or Parameters()
         self.session: Session | None = None
         self._types = find_types()
@@ -51,6 +55,7 @@ class RobotNode:
         self._threads: list[threading.Thread] = []
         self._held: list[Callable[[], object]] = []
         self._followed: list[Subscription] = []
+        self._bond: Bond | None = None
         self._declare()
         self.node.add_managed_entity(self._managed())
 
@@ -148,7 +153,10 @@ class RobotNode:
         rig = None if node.rig_file is None else read_rig(node.rig_file)
         segmenter = build_segmenter(self.parameters.config.segmenter)
         session = Session(self.parameters, segmenter, rig)
+        self.log.info(f"getting ready with {segmenter.name}: the first time on a machine takes a minute")
+        began = time.monotonic()
         warm_up(session.engine.config, segmenter)
+        self.log.info(f"ready after {time.monotonic() - began:.1f} s; waiting for images")
         self._outputs = Outputs(self.node, self._types, session.inputs, segmenter.label_set, node.image_depth)
         self.session = session
         try:
@@ -177,7 +185,11 @@ class RobotNode:
         self.log.info(f"margin {margin.margin_m:g} m, around persons {person_m:g} m, of {file}")
 
     def _activate(self) -> None:
+        assert self.session is not None  # noqa: S101 - it is made when the node is configured
+        self.session.begin()
         self._active.set()
+        if self._types["bond"] is not None:
+            self._bond = Bond(self.node, self._types["bond"])
         for target in (self._map_frames, self._publish_maps):
             thread = threading.Thread(target=self._guarded, args=(target,), daemon=True)
             self._threads.append(thread)
@@ -187,6 +199,9 @@ class RobotNode:
         if not self._active.is_set():
             return
         self._active.clear()
+        if self._bond is not None:
+            self._bond.break_()
+            self._bond = None
         for thread in self._threads:
             thread.join(timeout=2.0)
         self._threads.clear()
@@ -288,7 +303,19 @@ class RobotNode:
         if session is None or outputs is None or not (self._active.is_set() or session.failure):
             return
         report = session.check(self._now_ns())
+        self._log(session)
         outputs.publish_health(report, session.facts)
+
+    def _log(self, session: Session) -> None:
+        """What the session has to say; one line each."""
+        while session.events:
+            severity, text = session.events.popleft()
+            if severity == Severity.STOP:  # rclpy allows a line of code one severity
+                self.log.error(text)
+            elif severity == Severity.WARN:
+                self.log.warning(text)
+            else:
+                self.log.info(text)
 
     def _guarded(self, target: Callable[[], None]) -> None:
         """A thread that fails says so: from then on the flag is stop and the map turns unknown."""
@@ -321,7 +348,7 @@ class RobotNode:
     def _publish_map(self, session: Session, outputs: Outputs, nothing_free: bool = False) -> None:
         report = session.report
         forget_ns = 2**62 if nothing_free else None if report is None else report.forget_before_ns
-        grid = session.engine.snapshot(forget_ns)
+        grid = session.given_out(forget_ns, nothing_free)
         if grid is not None:
             costmap = session.engine.costmap(grid)
             node = session.parameters.node

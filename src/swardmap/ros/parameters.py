@@ -68,6 +68,22 @@ class NodeConfig(Checked):
         maximum=16,
     )
     organised_cloud: bool = setting(False, "one point a pixel, NaN where there is none")
+    robot_radius_m: float = setting(
+        1.0,
+        "circle about the base that holds the robot: every map reaches so far",
+        minimum=0.05,
+        maximum=10,
+    )
+    start_area_radius_m: float = setting(
+        0.5, "half the width of a start area, which the operator grants", minimum=0.05, maximum=1.5
+    )
+    start_area_ahead_m: float = setting(
+        1.0, "it reaches from the base so far ahead; negative: behind", minimum=-3, maximum=3
+    )
+    start_area_s: float = setting(60.0, "it lasts so long at most", minimum=1, maximum=600)
+    start_area_at_start: bool = setting(
+        False, "grant it each time the node becomes active: for a robot that always starts on clear ground"
+    )
     save_folder: str = setting("swardmap_maps", "where the service save writes: one new folder a call")
     autostart: bool = setting(True, "configure and activate at once; false: a lifecycle manager does it")
 

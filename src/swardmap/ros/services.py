@@ -1,4 +1,4 @@
-"""The node's services: clear, save, pause."""
+"""The node's services: clear, save, pause, grant_start_area."""
 
 from collections.abc import Callable
 from datetime import UTC, datetime
@@ -26,6 +26,7 @@ def serve(node: Any, session: Session) -> list[Callable[[], object]]:
         node.create_service(Trigger, "~/clear", partial(_clear, session)),
         node.create_service(Trigger, "~/save", partial(_save, session)),
         node.create_service(SetBool, "~/pause", partial(_pause, session)),
+        node.create_service(Trigger, "~/grant_start_area", partial(_grant, node, session)),
     )
     return [partial(node.destroy_service, service) for service in services]
 
@@ -33,6 +34,15 @@ def serve(node: Any, session: Session) -> list[Callable[[], object]]:
 def _clear(session: Session, _: Any, response: Any) -> Any:
     session.clear()
     response.success, response.message = True, "the map is empty: all is unknown"
+    return response
+
+
+def _grant(node: Any, session: Session, _: Any, response: Any) -> Any:
+    now_ns = int(node.get_clock().now().nanoseconds)
+    try:
+        response.success, response.message = True, session.grant_start_area(now_ns)
+    except SwardmapError as error:
+        response.success, response.message = False, str(error)
     return response
 
 

@@ -6,24 +6,29 @@
 from collections import Counter, deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from swardmap.config import Config
-from swardmap.errors import SwardmapError
+from swardmap.errors import InputError, SwardmapError
 from swardmap.geometry import Pose
+from swardmap.grid import OccupancyGrid
 from swardmap.io.bags.ros_messages import pose_from_odometry, stamp_ns
+from swardmap.io.bags.tf import ALWAYS_NS
 from swardmap.io.sources.pairing import COLOR
 from swardmap.mapping.log_odds_map import LogOddsMap
 from swardmap.mapping.work_area import WorkArea
-from swardmap.monitor.diagnostics import Diagnosis, Fault, HealthReport
+from swardmap.monitor.change_log import ChangeLog
+from swardmap.monitor.diagnostics import Diagnosis, Fault, HealthReport, Severity
 from swardmap.pipeline import StepResult
 from swardmap.rig.active_cameras import ActiveCameras
 from swardmap.rig.rig import Rig
 from swardmap.ros.camera_poses import CameraPoses
 from swardmap.ros.engine import Engine
 from swardmap.ros.frame_queue import FrameQueue
+from swardmap.ros.given_map import GivenMap
 from swardmap.ros.inputs import CameraInput, CameraPair, camera_topics
 from swardmap.ros.parameters import Parameters
 from swardmap.segmenter import Segmenter
@@ -36,6 +41,9 @@ WAITING_PAIRS = 30
 
 CLOCK_BACK_NS = 1_000_000_000
 """A camera whose stamps go back further has a new clock: a recording begins anew, a simulation was reset."""
+
+EVENTS = 100
+"""Lines for the log that wait for it at most."""
 
 MAP, RIG = "map", "rig"
 """Subjects of what the session itself finds wrong."""
@@ -104,6 +112,12 @@ class Session:
         self._newest_ns: dict[str, int] = {}
         self._optical: dict[str, str] = {}
         self._dropped = 0
+        self.robot: tuple[int, Pose] | None = None
+        self.events: deque[tuple[Severity, str]] = deque(maxlen=EVENTS)
+        self._changes = ChangeLog()
+        self.given = GivenMap(lambda *event: self.events.append(event))
+        self._first_image_ns: int | None = None
+        self.first_map_s: float | None = None
         self.stages = self.engine.stages
 
     @property
@@ -126,6 +140,7 @@ class Session:
         told: dict[str, object] = {
             "mapped": dict(self.engine.mapped), "left_out": self.skipped, "active": list(self.active_names),
             "paused": self.paused, "error": self.last_error, "stages_ms": self.stages.means_ms,
+            "first_map_s": self.first_map_s, "start_area": self.given.area is not None,
         }  # fmt: skip
         if self.active is not None:
             told |= {"direction": self.active.selector.direction, "dropped": dict(self.active.dropped)}
@@ -141,6 +156,7 @@ class Session:
     def on_image(self, camera: str, kind: str, message: Any, now_ns: int) -> None:
         """Take an image; one of a camera that looks the other way is dropped before it costs anything."""
         is_color = kind == COLOR
+        self._first_image_ns = now_ns if self._first_image_ns is None else self._first_image_ns
         if self.paused:
             self._skipped[REASON_PAUSED] += is_color
             return
@@ -210,6 +226,9 @@ class Session:
 
     def mapped(self, pair: CameraPair, now_ns: int) -> None:
         """Say that a pair of images is in the map now (the worker)."""
+        if self.first_map_s is None and self._first_image_ns is not None:
+            self.first_map_s = max(0, now_ns - self._first_image_ns) / 1e9
+            self.events.append((Severity.OK, f"first map: {self.first_map_s:.2f} s after the first image"))
         self._mapped_ns = now_ns
         self.engine.observe_mapped(pair.stamp_ns, now_ns)
 
@@ -223,18 +242,68 @@ class Session:
         self._dropped = dropped
         self.engine.observe_queue(full, self.queue.capacity, now_ns)
         running = () if self.paused else active  # a camera that nobody listens to is not at fault
-        self.report = self.engine.check(now_ns, running, self._found(now_ns))
+        before, self.report = self.report, self.engine.check(now_ns, running, self._found(now_ns))
+        change = self._changes.line(self.report)
+        if change is not None:
+            self.events.append(change)
+        stopped = self.report.stop and before is not None and not before.stop
+        xy_m = None if self.robot is None else self._robot_xy_m(self.robot[1].parent)
+        self.given.check(now_ns, xy_m, stopped, partial(self.grant_start_area, now_ns))
         return self.report
 
+    def begin(self) -> None:
+        """Take that the node has become active."""
+        self.given.to_grant = self.parameters.node.start_area_at_start
+
     def clear(self) -> None:
-        """Forget the map and all that waits for it."""
+        """Forget the map, the start area, and all that waits for the map."""
         self._waiting.clear()
         self.queue.clear()
         self.engine.clear()
+        self.given.end("the map was cleared")
+
+    def grant_start_area(self, now_ns: int) -> str:
+        """Take that a person sees the ground under and ahead of the robot to be free; what to tell them.
+
+        Raises:
+            InputError: if nobody knows where the robot is.
+        """
+        node, config = self.parameters.node, self.engine.config.watchdog
+        if not self.poses.posed:
+            raise InputError("no start area: pose_source is none, so there is no map to put it into")
+        if self.robot is None:
+            raise InputError("no start area: the pose of the robot's base is not known yet")
+        stamp, T_map_base = self.robot
+        age_s = 0.0 if stamp == ALWAYS_NS else (now_ns - stamp) / 1e9
+        if config.pose_s is not None and age_s > config.pose_s:
+            raise InputError(f"no start area: the last pose of the robot's base is {age_s:.2f} s old")
+        return self.given.grant(T_map_base, node, self.engine.snapshot(None), now_ns)
+
+    def given_out(self, forget_before_ns: int | None, nothing_free: bool = False) -> OccupancyGrid | None:
+        """The map as it is published: with the robot in its extent, and the start area while it lasts.
+
+        Args:
+            forget_before_ns: as `Engine.snapshot` takes it.
+            nothing_free: leave the start area out.
+        """
+        grid = self.engine.snapshot(forget_before_ns)
+        if grid is None:
+            return None
+        xy_m = self._robot_xy_m(grid.spec.frame_id)
+        return self.given.of(grid, xy_m, self.parameters.node.robot_radius_m, nothing_free)
 
     def fail(self, reason: str) -> None:
         """Say that a thread of the node has ended: nothing will be mapped again."""
         self.failure = reason
+
+    def _robot_xy_m(self, frame_id: str) -> tuple[float, float] | None:
+        """Where the robot's base is in a frame; without poses the map lies in that of the base."""
+        if not self.poses.posed:
+            return 0.0, 0.0
+        if self.robot is None or self.robot[1].parent != frame_id:
+            return None
+        x, y, _ = self.robot[1].position_m.tolist()
+        return x, y
 
     def _found(self, now_ns: int) -> Iterator[Diagnosis]:
         """What is wrong, whatever the cameras look like: nothing reaches the map, or nobody looks ahead."""
@@ -275,6 +344,7 @@ class Session:
         self._newest_ns[key] = max(stamp, self._newest_ns.get(key, stamp))
 
     def _observe_poses(self, now_ns: int, active: tuple[str, ...]) -> None:
+        self.robot = self.poses.newest_robot() if self.poses.posed else None
         if self.active is not None and not self.poses.from_odometry:  # which tells the direction as it comes
             base = self.poses.newest_base()
             if base is not None:

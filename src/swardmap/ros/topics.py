@@ -17,7 +17,11 @@ OPTIONAL: Mapping[str, tuple[str, str]] = {
     "map_msgs.msg:OccupancyGridUpdate": ("updates", "maps are always sent whole"),
     "vision_msgs.msg:LabelInfo": ("label_info", "classes are told as JSON on ~/labels_json"),
     "diagnostic_msgs.msg:DiagnosticArray": ("diagnostics", "faults are told as JSON on ~/health_json only"),
-    "std_srvs.srv:Trigger": ("services", "there are no services ~/clear, ~/save and ~/pause"),
+    "std_srvs.srv:Trigger": (
+        "services",
+        "there are no services such as ~/clear and ~/save",
+    ),
+    "bond.msg:Status": ("bond", "no bond with Nav2's lifecycle manager: set its bond_timeout to 0.0"),
 }
 """Types a ROS may lack: what they are for, and what the node does without them."""
 
