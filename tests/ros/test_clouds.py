@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 from rosbags.typesys import Stores, get_typestore
 
 from swardmap.config import CloudConfig, Config, config_from_dict
@@ -18,9 +19,12 @@ from swardmap.models.oracle import open_segmenter
 from swardmap.pipeline import ObstacleMapper, StepResult
 from swardmap.ros.clouds import (
     ABOVE_GROUND_M,
+    CLEARS_BELOW_M,
     FramePoints,
     cloud_fields,
     frame_points,
+    ground_fields,
+    height_row,
     marked_by_depth_m,
     obstacle_cells_fields,
     organised_cloud_fields,
@@ -40,11 +44,20 @@ def garden_step(config: Config) -> StepResult:
 
 
 def points_of(step: StepResult, config: Config) -> FramePoints:
-    return frame_points(step.frame, step.segmentation, step.T_map_camera, config.cloud)
+    return frame_points(step.frame, step.segmentation, height_row(step), config.cloud)
 
 
-def seen_in(step: StepResult, config: Config) -> tuple[Frame, Segmentation, Pose, CloudConfig]:
-    return step.frame, step.segmentation, step.T_map_camera, config.cloud
+Seen = tuple[Frame, Segmentation, NDArray[np.float32], CloudConfig]
+
+
+def seen_in(step: StepResult, config: Config) -> Seen:
+    return step.frame, step.segmentation, height_row(step), config.cloud
+
+
+def row_of(T_map_camera: Pose | None) -> NDArray[np.float32]:
+    """Heights above the map's z = 0."""
+    assert T_map_camera is not None
+    return T_map_camera.matrix[2].astype(np.float32)
 
 
 def read(fields: dict[str, Any]) -> tuple[Any, Any, Any]:
@@ -155,8 +168,7 @@ def test_the_compiled_cloud_is_its_numpy_twin_bit_for_bit(
     labels = rng.choice(np.array([0, 1, 2, 255], np.uint8), (30, 33))  # of another size, with void
     segmentation = Segmentation(labels, GRASS_OBSTACLE_PERSON)
     config = config_from_dict({"cloud": settings}).cloud
-    assert frame.T_map_camera is not None
-    seen = frame, segmentation, frame.T_map_camera, config
+    seen = frame, segmentation, row_of(frame.T_map_camera), config
     twin = frame_points(*seen)
     wanted = twin.kept & (GRASS_OBSTACLE_PERSON.map_class_table[twin.labels] >= lowest)
     taken = np.zeros((SMALL.height, SMALL.width), bool)
@@ -174,22 +186,71 @@ def test_without_geometry_nothing_is_added() -> None:
 def test_a_frame_without_a_reading_gives_empty_clouds(flat_lawn: tuple[Frame, Segmentation]) -> None:
     frame, segmentation = flat_lawn
     empty = replace(frame, depth=np.zeros_like(frame.depth))
-    assert frame.T_map_camera is not None
     for lowest in (MapClass.UNKNOWN, MapClass.OBSTACLE):
-        fields = cloud_fields(empty, segmentation, frame.T_map_camera, Config().cloud, AT, lowest)
+        fields = cloud_fields(empty, segmentation, row_of(frame.T_map_camera), Config().cloud, AT, lowest)
         message, xyz, _ = read(fields)
         assert message.width == len(xyz) == 0
 
 
 @pytest.mark.parametrize("organised", [False, True])
-def test_heights_are_those_of_the_map(flat_lawn: tuple[Frame, Segmentation], organised: bool) -> None:
+def test_without_geometry_heights_are_those_of_the_map(
+    flat_lawn: tuple[Frame, Segmentation], organised: bool
+) -> None:
     frame, segmentation = flat_lawn
     config = config_from_dict({"cloud": {"min_height_m": 0.5}})
-    assert frame.T_map_camera is not None
-    seen = frame, segmentation, frame.T_map_camera, config.cloud
+    seen = frame, segmentation, row_of(frame.T_map_camera), config.cloud
     fields = organised_cloud_fields(frame_points(*seen), *AT) if organised else cloud_fields(*seen, AT)
     _, xyz, _ = read(fields)
     assert not np.isfinite(xyz).any()  # the lawn lies at z = 0
+
+
+def on_a_hill(T_map_camera: Pose, slope_deg: float, z_m: float) -> Pose:
+    """The same view where the field slopes down along x, far above the datum."""
+    slope = np.deg2rad(slope_deg)
+    T_hill_map = np.eye(4)
+    T_hill_map[:3, :3] = [[np.cos(slope), 0, np.sin(slope)], [0, 1, 0], [-np.sin(slope), 0, np.cos(slope)]]
+    T_hill_map[2, 3] = z_m
+    return Pose("map", T_map_camera.child, T_hill_map @ T_map_camera.matrix)
+
+
+@pytest.mark.parametrize(("slope_deg", "z_m"), [(10.0, 0.0), (-12.0, 0.0), (0.0, 150.0), (0.0, -3.0)])
+def test_on_any_ground_the_clouds_are_those_of_level_ground(slope_deg: float, z_m: float) -> None:
+    """Heights above z = 0 of the map would cut obstacles off and leave nothing to clear by."""
+    config = config_from_dict({"geometry": {"enabled": True}})
+    frame = render(garden_scene(0), SMALL, lane_poses(40, step_m=0.25)[30])  # some metres from the origin
+    assert frame.T_map_camera is not None
+    tilted = replace(frame, T_map_camera=on_a_hill(frame.T_map_camera, slope_deg, z_m))
+    found = []
+    for each in (frame, tilted):
+        step = ObstacleMapper(open_segmenter(config.segmenter, frame.label_set), config).step(each)
+        seen = seen_in(step, config)
+        clouds = (cloud_fields(*seen, AT, MapClass.OBSTACLE), ground_fields(*seen, AT))
+        found.append([len(read(fields)[1]) for fields in clouds])
+    (obstacles, lawn), (obstacles_on_hill, lawn_on_hill) = found
+    assert obstacles > 20
+    assert lawn > 500
+    assert obstacles_on_hill == pytest.approx(obstacles, rel=0.02, abs=2)
+    assert lawn_on_hill == pytest.approx(lawn, rel=0.02)
+
+
+def test_only_lawn_near_the_ground_clears() -> None:
+    config = config_from_dict({"geometry": {"enabled": True}})
+    step = garden_step(config)
+    _, xyz, labels = read(ground_fields(*seen_in(step, config), AT))
+    assert (step.segmentation.label_set.map_class_table[labels] == MapClass.GRASS).all()
+    a, b, c, d = height_row(step)
+    heights = a * xyz[:, 0] + b * xyz[:, 1] + c * xyz[:, 2] + d
+    assert len(heights) > 500
+    assert heights.max() <= CLEARS_BELOW_M + 1e-5
+    assert heights.min() >= config.cloud.min_height_m - 1e-5
+
+
+def test_obstacle_cells_lie_at_the_height_of_the_robot() -> None:
+    """Nav2's collision monitor drops what is farther than its limits above or below the base."""
+    spec = GridSpec(0.5, 6, 4, (-1.0, 2.0), "map")
+    classes = np.full(spec.shape, MapClass.OBSTACLE, np.uint8)
+    fields = obstacle_cells_fields(OccupancyGrid(spec, classes), (0.0, 2.5), 9.0, 312.5)
+    assert (read(fields)[1][:, 2] == 312.5).all()
 
 
 def test_obstacle_cells_are_the_obstacles_of_the_map_that_are_near() -> None:

@@ -37,7 +37,7 @@ COSTMAPS = ("map", "costs", "obstacles", "stvl", "semantic")
 TOPICS = {
     "map_topic": ("map", "costmap"), "segmentation_topic": ("mask",), "confidence_topic": ("confidence",),
     "pointcloud_topic": ("cloud",), "labels_topic": ("label_info",),
-    "topic": ("obstacles", "cloud", "obstacle_cells"),
+    "topic": ("obstacles", "cloud", "ground", "obstacle_cells"),
 }  # fmt: skip
 """Parameter of Nav2 -> outputs of the node of the type it takes; which these are: test_node.py."""
 

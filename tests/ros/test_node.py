@@ -174,6 +174,10 @@ def test_every_output_equals_the_map_of_the_recording(bag: Path, offline: MapRun
     assert last["mapped"] == {"camera": FRAMES}
     assert not last["left_out"]
     assert 0 < last["latency_p50_ms"] <= last["latency_p99_ms"]
+    assert 0 < last["costmap_latency_p50_ms"] <= last["costmap_latency_p99_ms"]
+    assert last["first_map_s"] < 3  # whatever has to be compiled was compiled before
+    assert last["dropped_by_queue"] == {}
+    assert 0 < last["cores_used"] <= last["cores"]
 
 
 @pytest.mark.skipif(find_spec("tf2_msgs") is None, reason="this ROS has no tf2_msgs")

@@ -84,7 +84,7 @@ class SegmenterConfig(Checked):
     min_confidence: float = setting(
         0.0, "below it a pixel is void: not seen, never grass", minimum=0, maximum=1
     )
-    threads: int = setting(0, "threads of the network; 0 = cores - 1", minimum=0)
+    threads: int = setting(0, "threads of the network; 0 = one a core, 4 at most", minimum=0)
     provider: str = setting("CPUExecutionProvider", "ONNX Runtime execution provider")
 
 

@@ -1,6 +1,6 @@
 """Networks through ONNX Runtime: any file that carries swardmap's metadata, on any execution provider.
 
-Measured choices (reference figures in docs/models.md): optimisation ALL, threads = cores - 1, no
+Measured choices (reference figures in docs/models.md): optimisation ALL, one thread a core up to 4, no
 spinning (a robot's cores are not free), pre-processing by OpenCV into a kept buffer, argmax by
 comparison.
 """
@@ -21,6 +21,9 @@ from swardmap.models.spec import METADATA_KEY, NetworkSpec
 from swardmap.types import Frame, Segmentation
 
 Float32Array = NDArray[np.float32]
+
+MOST_THREADS = 4
+"""More are taken only where they are asked for."""
 
 
 class OnnxSegmenter:
@@ -136,6 +139,16 @@ def open_segmenter(
     return OnnxSegmenter(path, config.threads, config.provider)
 
 
+def default_threads() -> int:
+    """One thread for each core that this process may use, 4 at most.
+
+    Two cores map two cameras at 15 frames a second with two threads, and not with one (docs/robot.md).
+    Threads that wait do not spin, so that they take no core from others.
+    """
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return max(1, min(MOST_THREADS, cores))
+
+
 def _open_session(path: Path, threads: int, provider: str) -> Any:
     import onnxruntime
 
@@ -148,7 +161,7 @@ def _open_session(path: Path, threads: int, provider: str) -> Any:
             "choose one, or install the build that has it (such as onnxruntime-gpu)"
         )
     options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = threads or max(1, (os.cpu_count() or 2) - 1)
+    options.intra_op_num_threads = threads or default_threads()
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_ENABLE_ALL
     options.log_severity_level = 4  # faults are raised below, once

@@ -6,13 +6,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swardmap.config import CloudConfig
-from swardmap.geometry import Pose, deproject, transform_points
+from swardmap.geometry import deproject
 from swardmap.grid import OccupancyGrid
 from swardmap.io.bags.ros_fields import POINT, Fields, packed_cloud_fields, point_cloud_fields
 from swardmap.labels import VOID_ID, LabelSet, MapClass
 from swardmap.perception.cloud import consistent_depth, crop_range
 from swardmap.pipeline import StepResult
 from swardmap.types import Frame, Segmentation, nearest_indices
+
+CLEARS_BELOW_M = 0.15
+"""Lawn higher than this above the ground of the view clears nothing in an obstacle layer."""
 
 ABOVE_GROUND_M = 0.1
 """Where the obstacle cloud puts what depth alone has marked: within the heights of any obstacle layer."""
@@ -37,15 +40,25 @@ class FramePoints:
     label_set: LabelSet
 
 
+def height_row(step: StepResult) -> NDArray[np.float32]:
+    """(4,) float32 a, b, c, d: a x + b y + c z + d is the height of a point of the camera.
+
+    Above the ground of this view, as the map takes it; where no ground is estimated, above the map's z = 0.
+    """
+    geometry = step.observation.geometry
+    above = None if geometry is None else geometry.above_lawn
+    return step.T_map_camera.matrix[2].astype(np.float32) if above is None else above
+
+
 def frame_points(
-    frame: Frame, segmentation: Segmentation, T_map_camera: Pose, config: CloudConfig
+    frame: Frame, segmentation: Segmentation, height_row: NDArray[np.float32], config: CloudConfig
 ) -> FramePoints:
     """Points of a frame as the map takes them.
 
     Args:
         frame: aligned images.
         segmentation: its mask.
-        T_map_camera: pose, for the height limits.
+        height_row: see the function of that name.
         config: limits.
     """
     depth_m = crop_range(frame.depth_m, config.min_range_m, config.max_range_m)
@@ -54,9 +67,10 @@ def frame_points(
     )
     xyz = deproject(depth_m, frame.intrinsics).reshape(-1, 3)
     labels = segmentation.resized_to(*depth_m.shape).labels.reshape(-1)
-    z = transform_points(xyz, T_map_camera)[:, 2]
+    a, b, c, d = height_row
+    height = a * xyz[:, 0] + b * xyz[:, 1] + c * xyz[:, 2] + d
     with np.errstate(invalid="ignore"):
-        kept = (z >= np.float32(config.min_height_m)) & (z <= np.float32(config.max_height_m))
+        kept = (height >= np.float32(config.min_height_m)) & (height <= np.float32(config.max_height_m))
     return FramePoints(xyz, labels, kept, frame.depth.shape, segmentation.label_set)
 
 
@@ -80,7 +94,7 @@ def organised_cloud_fields(points: FramePoints, stamp_ns: int, frame_id: str) ->
 def cloud_fields(
     frame: Frame,
     segmentation: Segmentation,
-    T_map_camera: Pose,
+    height_row: NDArray[np.float32],
     config: CloudConfig,
     stamped: tuple[int, str],
     lowest: MapClass = MapClass.UNKNOWN,
@@ -92,7 +106,7 @@ def cloud_fields(
     Args:
         frame: aligned images.
         segmentation: its mask.
-        T_map_camera: pose, for the height limits.
+        height_row: see the function of that name.
         config: limits.
         stamped: stamp of the colour image and its optical frame.
         lowest: points of a lower map class are left out; OBSTACLE: the obstacle cloud.
@@ -100,28 +114,75 @@ def cloud_fields(
             id of its first obstacle class.
         stride: only every n-th row and column.
     """
+    heights_m = config.min_height_m, config.max_height_m
+    points = _points(frame, segmentation, height_row, config, heights_m, lowest, stride)
+    if others_m is not None and len(others_m):
+        named = np.flatnonzero(segmentation.label_set.map_class_table == MapClass.OBSTACLE)
+        more = np.zeros(len(others_m), POINT)
+        more["xyz"], more["label"] = others_m, named[0] if len(named) else VOID_ID
+        points = np.concatenate([points, more])
+    return packed_cloud_fields(points, *stamped)
+
+
+def ground_fields(
+    frame: Frame,
+    segmentation: Segmentation,
+    height_row: NDArray[np.float32],
+    config: CloudConfig,
+    stamped: tuple[int, str],
+    stride: int = 1,
+) -> Fields:
+    """sensor_msgs/PointCloud2, x y z label, of lawn near the ground: what an obstacle layer may clear by.
+
+    Points that the network calls free, not higher than `CLEARS_BELOW_M`: rays to higher ones pass over what
+    is low. Nav2 knows heights above the map's z = 0 alone, so they are judged here.
+
+    Args:
+        frame: as the others, of `cloud_fields`.
+        segmentation: its mask.
+        height_row: see the function of that name.
+        config: limits.
+        stamped: stamp of the colour image and its optical frame.
+        stride: only every n-th row and column.
+    """
+    heights_m = config.min_height_m, min(CLEARS_BELOW_M, config.max_height_m)
+    points = _points(frame, segmentation, height_row, config, heights_m, MapClass.GRASS, stride)
+    lawn = segmentation.label_set.map_class_table[points["label"]] == MapClass.GRASS
+    return packed_cloud_fields(points[lawn], *stamped)
+
+
+def _points(
+    frame: Frame,
+    segmentation: Segmentation,
+    height_row: NDArray[np.float32],
+    config: CloudConfig,
+    heights_m: tuple[float, float],
+    lowest: MapClass,
+    stride: int,
+) -> NDArray[np.void]:
+    """(N,) of POINT: pixels of at least a class, in range, between two heights."""
     from swardmap.kernels.clouds import collect_points
 
     depth, mask = frame.depth, segmentation.labels
     table = segmentation.label_set.map_class_table
     limits = np.array(
-        [config.min_range_m, config.max_range_m, config.min_height_m, config.max_height_m,
-         config.consistency_relative, config.consistency_m], np.float32,
-    )  # fmt: skip
+        [
+            config.min_range_m,
+            config.max_range_m,
+            *heights_m,
+            config.consistency_relative,
+            config.consistency_m,
+        ],
+        np.float32,
+    )
     packed = np.zeros(depth.size, POINT)
     count = collect_points(
         depth, np.float32(frame.depth_unit_m), mask,
         nearest_indices(depth.shape[0], mask.shape[0]), nearest_indices(depth.shape[1], mask.shape[1]),
-        table.astype(np.int32), *frame.intrinsics.ray_tables(), T_map_camera.matrix[2].astype(np.float32),
+        table.astype(np.int32), *frame.intrinsics.ray_tables(), height_row,
         limits, config.consistent_neighbours, int(lowest), stride, packed["xyz"], packed["label"],
     )  # fmt: skip
-    points = packed[:count]
-    if others_m is not None and len(others_m):
-        named = np.flatnonzero(table == MapClass.OBSTACLE)
-        more = np.zeros(len(others_m), POINT)
-        more["xyz"], more["label"] = others_m, named[0] if len(named) else VOID_ID
-        points = np.concatenate([points, more])
-    return packed_cloud_fields(points, *stamped)
+    return packed[:count]
 
 
 def marked_by_depth_m(step: StepResult) -> NDArray[np.float32]:
@@ -136,7 +197,9 @@ def marked_by_depth_m(step: StepResult) -> NDArray[np.float32]:
     return step.T_map_camera.inverse().apply(xyz).astype(np.float32)
 
 
-def obstacle_cells_fields(grid: OccupancyGrid, around_m: tuple[float, float], range_m: float) -> Fields:
+def obstacle_cells_fields(
+    grid: OccupancyGrid, around_m: tuple[float, float], range_m: float, z_m: float = 0.0
+) -> Fields:
     """The map's obstacles as points, for who takes clouds but no grids: Nav2's collision monitor.
 
     Unlike the clouds of frames they are those of all cameras, and hold what a camera has seen before and
@@ -146,15 +209,17 @@ def obstacle_cells_fields(grid: OccupancyGrid, around_m: tuple[float, float], ra
         grid: the map.
         around_m: (x, y) of the robot.
         range_m: cells farther than this are left out.
+        z_m: height of the ground at the robot in the map frame: who takes them drops what lies far above or
+            below the robot.
 
     Returns:
-        sensor_msgs/PointCloud2 of cell centres in the map frame, z = 0, label 2 obstacle, 3 person; with the
-        map's stamp.
+        sensor_msgs/PointCloud2 of cell centres in the map frame, at that height, label 2 obstacle, 3 person;
+        with the map's stamp.
     """
     rows, columns = np.nonzero(grid.is_obstacle)
     xy = grid.spec.center_of(np.stack([columns, rows], axis=-1))
     near = np.hypot(*(xy - np.asarray(around_m)).T) <= range_m
     xyz = np.zeros((int(near.sum()), 3), np.float32)
-    xyz[:, :2] = xy[near]
+    xyz[:, :2], xyz[:, 2] = xy[near], z_m
     labels = grid.classes[rows[near], columns[near]]
     return point_cloud_fields(xyz, labels, grid.stamp_ns, grid.spec.frame_id)

@@ -93,7 +93,6 @@ def _values(config: Config) -> dict[str, str]:
         "own_inflation_radius_m": costs.inflation_radius_m,
         "inflation_radius_m": costs.inflation_radius_m + margin_m,
         "cost_scaling_factor": costs.cost_scaling_factor, "resolution_m": config.grid.resolution_m,
-        "min_height_m": cloud.min_height_m, "max_height_m": cloud.max_height_m,
         "min_range_m": cloud.min_range_m, "max_range_m": cloud.max_range_m,
     }  # fmt: skip
     told = "persons, the larger" if margin_m > costs.margin_m else "costmap.margin_m"

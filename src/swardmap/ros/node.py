@@ -153,10 +153,9 @@ class RobotNode:
         rig = None if node.rig_file is None else read_rig(node.rig_file)
         segmenter = build_segmenter(self.parameters.config.segmenter)
         session = Session(self.parameters, segmenter, rig)
-        self.log.info(f"getting ready with {segmenter.name}: the first time on a machine takes a minute")
         began = time.monotonic()
         warm_up(session.engine.config, segmenter)
-        self.log.info(f"ready after {time.monotonic() - began:.1f} s; waiting for images")
+        self.log.info(f"{segmenter.name} is ready after {time.monotonic() - began:.1f} s; waiting for images")
         self._outputs = Outputs(self.node, self._types, session.inputs, segmenter.label_set, node.image_depth)
         self.session = session
         try:
@@ -354,4 +353,6 @@ class RobotNode:
             node = session.parameters.node
             full_s = 0.0 if nothing_free else node.full_map_s  # who comes later is given the last whole one
             outputs.publish_map(grid, costmap, time.monotonic(), full_s)
-            outputs.publish_cells(grid, session.engine.viewpoint_m, node.obstacle_cells_range_m)
+            session.load.published(grid.stamp_ns, self._now_ns())
+            around_m, range_m = session.engine.viewpoint_m, node.obstacle_cells_range_m
+            outputs.publish_cells(grid, around_m, range_m, session.robot_z_m)

@@ -17,6 +17,8 @@ from swardmap.ros import messages
 from swardmap.ros.clouds import (
     cloud_fields,
     frame_points,
+    ground_fields,
+    height_row,
     marked_by_depth_m,
     obstacle_cells_fields,
     organised_cloud_fields,
@@ -31,7 +33,9 @@ LEVELS = {Severity.OK: messages.OK, Severity.WARN: messages.WARN, Severity.STOP:
 IMAGE, CLOUD = "sensor_msgs/msg/Image", "sensor_msgs/msg/PointCloud2"
 GRID, UPDATE = "nav_msgs/msg/OccupancyGrid", "map_msgs/msg/OccupancyGridUpdate"
 
-OF_CAMERA: Mapping[str, str] = {"mask": IMAGE, "confidence": IMAGE, "cloud": CLOUD, "obstacles": CLOUD}
+OF_CAMERA: Mapping[str, str] = {
+    "mask": IMAGE, "confidence": IMAGE, "cloud": CLOUD, "obstacles": CLOUD, "ground": CLOUD,
+}  # fmt: skip
 """Topics below ~/CAMERA, and their types."""
 
 OF_NODE: Mapping[str, str] = {
@@ -108,11 +112,11 @@ class Outputs:
 
         self._node, self._types = node, types
         self._image, self._cloud, self._bool, self._string = Image, PointCloud2, Bool, String
-        kinds = {"mask": Image, "confidence": Image, "cloud": PointCloud2, "obstacles": PointCloud2}
+        classes = {IMAGE: Image, CLOUD: PointCloud2}
         self._of_camera = {
-            (camera, kind): node.create_publisher(cls, f"~/{camera}/{kind}", depth)
+            (camera, kind): node.create_publisher(classes[name], f"~/{camera}/{kind}", depth)
             for camera in cameras
-            for kind, cls in kinds.items()
+            for kind, name in OF_CAMERA.items()
         }
         self._map = GridChannel(node, "~/map", types["updates"])
         self._costmap = GridChannel(node, "~/costmap", types["updates"])
@@ -161,14 +165,12 @@ class Outputs:
         """
         pair, step = mapped.pair, mapped.step
         stamped = pair.stamp_ns, pair.color_frame
-        wanted = {
-            kind for kind in ("mask", "confidence", "cloud", "obstacles") if self._heard(pair.camera, kind)
-        }
+        wanted = {kind for kind in OF_CAMERA if self._heard(pair.camera, kind)}
         if wanted & {"mask", "confidence"}:
             mask, confidence = messages.mask_fields(step.segmentation, step.frame.depth.shape, *stamped)
             self._send(pair.camera, "mask", self._image, mask)
             self._send(pair.camera, "confidence", self._image, confidence)
-        seen = step.frame, step.segmentation, step.T_map_camera, config.cloud
+        seen = step.frame, step.segmentation, height_row(step), config.cloud
         if "cloud" in wanted:
             one_a_pixel = organised_cloud_fields(frame_points(*seen), *stamped) if organised else None
             cloud = one_a_pixel or cloud_fields(*seen, stamped, stride=stride)
@@ -176,6 +178,8 @@ class Outputs:
         if "obstacles" in wanted:
             cloud = cloud_fields(*seen, stamped, MapClass.OBSTACLE, marked_by_depth_m(step), stride)
             self._send(pair.camera, "obstacles", self._cloud, cloud)
+        if "ground" in wanted:
+            self._send(pair.camera, "ground", self._cloud, ground_fields(*seen, stamped, stride))
 
     def publish_map(self, grid: OccupancyGrid, costmap: Costmap | None, now_s: float, full_s: float) -> None:
         """Map and costmap, or what changed of them."""
@@ -184,10 +188,13 @@ class Outputs:
             values = occupancy_from_costs(costmap.costs)
             self._costmap.publish(values, costmap.spec, costmap.stamp_ns, now_s, full_s)
 
-    def publish_cells(self, grid: OccupancyGrid, around_m: tuple[float, float], range_m: float) -> None:
-        """Obstacles of the map near the robot, as a cloud."""
+    def publish_cells(
+        self, grid: OccupancyGrid, around_m: tuple[float, float], range_m: float, z_m: float
+    ) -> None:
+        """Obstacles of the map near the robot, as a cloud at the height of the robot's base."""
         if self._cells.get_subscription_count():
-            self._cells.publish(ros_message(self._cloud, obstacle_cells_fields(grid, around_m, range_m)))
+            fields = obstacle_cells_fields(grid, around_m, range_m, z_m)
+            self._cells.publish(ros_message(self._cloud, fields))
 
     def publish_health(self, report: HealthReport, facts: Mapping[str, object]) -> None:
         """Stop flag, diagnoses and latency."""

@@ -3,11 +3,16 @@
 import signal
 import sys
 import threading
+import time
 from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
 
+from swardmap.config import Config
 from swardmap.errors import ConfigError, InputError, SwardmapError
 from swardmap.ros.parameters import Parameters
 from swardmap.ros.topics import rclpy_module
+from swardmap.ros.warm_up import warm_up
 
 WAITS_S = 0.2
 """A wait for messages takes at most so long: Python looks for signals between two of them."""
@@ -39,6 +44,7 @@ def run_node(defaults: Parameters | None = None, arguments: Sequence[str] = ()) 
     ended = _on_signals()
     robot = None
     try:
+        _compile_kernels(rclpy)
         robot = RobotNode(defaults)
         if not robot.start():
             raise InputError("the node could not be configured: see its log")
@@ -54,6 +60,22 @@ def run_node(defaults: Parameters | None = None, arguments: Sequence[str] = ()) 
         if robot is not None:
             robot.close()
         rclpy.try_shutdown()
+
+
+def _compile_kernels(rclpy: Any) -> None:
+    """Have all kernels ready before the node is there: whoever is to configure it waits for it, and is told.
+
+    A lifecycle manager that waits for an answer gives up in the middle of compiling.
+    """
+    from swardmap.models.colour import ColourSegmenter
+
+    log, began = rclpy.logging.get_logger("swardmap"), time.monotonic()
+    log.info("getting ready: the first start on a machine compiles for about a minute")
+    config = Config()
+    config = replace(config, geometry=replace(config.geometry, enabled=True))
+    for mode in ("last_seen", "log_odds"):
+        warm_up(replace(config, grid=replace(config.grid, mode=mode)), ColourSegmenter())
+    log.info(f"kernels are ready after {time.monotonic() - began:.1f} s")
 
 
 def _on_signals() -> threading.Event:

@@ -30,6 +30,7 @@ from swardmap.ros.engine import Engine
 from swardmap.ros.frame_queue import FrameQueue
 from swardmap.ros.given_map import GivenMap
 from swardmap.ros.inputs import CameraInput, CameraPair, camera_topics
+from swardmap.ros.load import Load
 from swardmap.ros.parameters import Parameters
 from swardmap.segmenter import Segmenter
 
@@ -114,7 +115,7 @@ class Session:
         self._dropped = 0
         self.robot: tuple[int, Pose] | None = None
         self.events: deque[tuple[Severity, str]] = deque(maxlen=EVENTS)
-        self._changes = ChangeLog()
+        self._changes, self.load = ChangeLog(), Load()
         self.given = GivenMap(lambda *event: self.events.append(event))
         self._first_image_ns: int | None = None
         self.first_map_s: float | None = None
@@ -124,6 +125,12 @@ class Session:
     def active_names(self) -> tuple[str, ...]:
         """Cameras that are processed now."""
         return tuple(self.inputs) if self.active is None else self.active.names
+
+    @property
+    def robot_z_m(self) -> float:
+        """Height of the robot's base, on the ground, in the map frame; 0 where its pose is not known."""
+        robot = self.robot
+        return 0.0 if robot is None else float(robot[1].position_m[2])
 
     @property
     def skipped(self) -> dict[str, int]:
@@ -141,6 +148,7 @@ class Session:
             "mapped": dict(self.engine.mapped), "left_out": self.skipped, "active": list(self.active_names),
             "paused": self.paused, "error": self.last_error, "stages_ms": self.stages.means_ms,
             "first_map_s": self.first_map_s, "start_area": self.given.area is not None,
+            "dropped_by_queue": dict(self.queue.dropped), **self.load.facts,
         }  # fmt: skip
         if self.active is not None:
             told |= {"direction": self.active.selector.direction, "dropped": dict(self.active.dropped)}

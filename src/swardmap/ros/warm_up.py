@@ -17,7 +17,7 @@ from swardmap.mapping.last_seen_map import LastSeenMap
 from swardmap.monitor.diagnostics import frame_stats
 from swardmap.perception.align import align_depth_to_color
 from swardmap.pipeline import ObstacleMapper
-from swardmap.ros.clouds import cloud_fields
+from swardmap.ros.clouds import cloud_fields, height_row
 from swardmap.segmenter import Segmenter
 from swardmap.types import Frame
 
@@ -46,7 +46,7 @@ def warm_up(config: Config, segmenter: Segmenter) -> None:
         frame = Frame(i, SMALL, rgb, raw, unit_m, T_map_camera)
         frame_stats(frame, i, T_map_camera)
         step = mapper.step(frame)
-        cloud_fields(frame, step.segmentation, T_map_camera, config.cloud, (0, "warm_up"))
+        cloud_fields(frame, step.segmentation, height_row(step), config.cloud, (0, "warm_up"))
         grass = np.full_like(step.observation.classes, MapClass.GRASS)  # whatever the network said of grey
         for each in grids:
             each.integrate(replace(step.observation, classes=grass))
