@@ -79,6 +79,24 @@ CLASS_TYPE: dict[str, Any] = {
     "dominant_priority": False,
 }  # fmt: skip
 
+FILTERS: dict[str, dict[str, Any]] = {
+    # nav2_costmap_2d/plugins/costmap_filters/{costmap_filter,keepout_filter,speed_filter}.cpp
+    "nav2_costmap_2d::KeepoutFilter": {
+        "enabled": True, "filter_info_topic": "", "transform_tolerance": 0.1, "override_lethal_cost": False,
+        "lethal_override_cost": 252,
+    },
+    "nav2_costmap_2d::SpeedFilter": {
+        "enabled": True, "filter_info_topic": "", "transform_tolerance": 0.1,
+        "speed_limit_topic": "speed_limit",
+    },
+}  # fmt: skip
+
+FILTER_INFO: dict[str, Any] = {
+    # nav2_map_server/src/costmap_filter_info/costmap_filter_info_server.cpp
+    "filter_info_topic": "costmap_filter_info", "type": 0, "mask_topic": "filter_mask", "base": 0.0,
+    "multiplier": 1.0,
+}  # fmt: skip
+
 MONITOR: dict[str, Any] = {
     # nav2_collision_monitor/src/collision_monitor_node.cpp, getParameters(), configurePolygons(),
     # configureSources()

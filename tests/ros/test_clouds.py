@@ -57,7 +57,8 @@ def seen_in(step: StepResult, config: Config) -> Seen:
 def row_of(T_map_camera: Pose | None) -> NDArray[np.float32]:
     """Heights above the map's z = 0."""
     assert T_map_camera is not None
-    return T_map_camera.matrix[2].astype(np.float32)
+    row: NDArray[np.float32] = T_map_camera.matrix[2].astype(np.float32)
+    return row
 
 
 def read(fields: dict[str, Any]) -> tuple[Any, Any, Any]:

@@ -15,6 +15,7 @@ from swardmap.io.bags.ros_fields import POINT
 from swardmap.io.files import write_text
 from swardmap.io.maps.margin_file import Margin, margin_text
 from swardmap.labels import GRASS_OBSTACLE_PERSON
+from swardmap.ros.map_outputs import OF_MAP
 from swardmap.ros.nav2_files import NAMES, nav2_files, write_nav2_files
 from swardmap.ros.parameters import Parameters, declarations, parameters_from
 from swardmap.ros.session import ONLY_CAMERA
@@ -22,6 +23,8 @@ from tests.ros import drive
 from tests.ros.nav2_parameters import (
     CLASS_TYPE,
     COSTMAP,
+    FILTER_INFO,
+    FILTERS,
     LAYERS,
     MONITOR,
     MONITOR_SOURCE,
@@ -91,6 +94,27 @@ def test_the_collision_monitors_are_too() -> None:
         held(monitor[polygon], POLYGON)
     for source in monitor["observation_sources"]:
         held(monitor[source], MONITOR_SOURCE)
+
+
+def test_the_filters_are_too_and_their_masks_are_outputs_of_the_node() -> None:
+    tree = trees(namespace="/mower")["filters.yaml"]
+    (costmap,) = costmaps(tree)
+    held(costmap, COSTMAP, tuple(costmap["filters"]))
+    told = {}
+    for name in costmap["filters"]:
+        held(costmap[name], FILTERS[costmap[name]["plugin"]], ("plugin",))
+        told[costmap[name]["filter_info_topic"]] = costmap[name]["plugin"]
+    for server in ("swardmap_keepout_info", "swardmap_speed_info"):
+        info = tree[server]["ros__parameters"]
+        held(info, FILTER_INFO)
+        plugin = told.pop(info["filter_info_topic"])
+        # nav2_costmap_2d/filter_values.hpp: 0 keep-out, 1 speed in percent; limit = base + multiplier * mask
+        assert (
+            info["type"] == {"nav2_costmap_2d::KeepoutFilter": 0, "nav2_costmap_2d::SpeedFilter": 1}[plugin]
+        )
+        assert (info["base"], info["multiplier"]) == (0.0, 1.0)
+        assert info["mask_topic"].removeprefix("/mower/swardmap/") in OF_MAP
+    assert not told
 
 
 def test_the_margin_is_in_all_of_them_the_larger_one_where_nav2_does_not_know_persons() -> None:
@@ -199,7 +223,7 @@ def test_the_verb_takes_the_margin_file_and_the_rig(tmp_path: Path) -> None:
     (tmp_path / "rig.yaml").write_text(yaml.safe_dump(drive.RIG, sort_keys=False))
     options = ["--config", str(tmp_path / "margin.yaml"), "--rig", str(tmp_path / "rig.yaml")]
     assert run(["nav2", str(tmp_path / "out"), *options, "--namespace", "/mower"]) == 0
-    assert {p.stem for p in (tmp_path / "out").iterdir()} == {*NAMES, "fastdds"}
+    assert {p.stem for p in (tmp_path / "out").iterdir()} == {*NAMES, "fastdds", "foxglove"}
     (costmap,) = costmaps(yaml.safe_load((tmp_path / "out/stvl.yaml").read_text()))
     assert inscribed_of(costmap) == pytest.approx(0.3 + 0.21, abs=2e-4)
     layer = costmap["stvl_layer"]

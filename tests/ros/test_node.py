@@ -24,6 +24,7 @@ from swardmap.io.maps.margin_file import Margin, margin_text
 from swardmap.mapping.costmap import occupancy_from_costs
 from swardmap.models import build_segmenter
 from swardmap.pipeline import ObstacleMapper
+from swardmap.ros.map_outputs import OF_MAP
 from swardmap.ros.outputs import OF_CAMERA, OF_NODE
 from swardmap.runs.recording import MapRun, map_recording
 from swardmap.synth.analytic import AnalyticSource, garden_scene, lane_poses
@@ -126,10 +127,12 @@ def assert_published(topics: dict[str, list[str]], namespace: str) -> None:
     there = {name.removeprefix(f"{namespace}/swardmap/"): types for name, types in topics.items()}
     expected = {name: [kind] for name, kind in OF_NODE.items()}
     expected |= {f"camera/{name}": [kind] for name, kind in OF_CAMERA.items()}
+    expected |= {name: [kind] for name, kind in OF_MAP.items()}
     missing = set(expected) - set(there)
-    may_lack = [("map_msgs", {"map_updates", "costmap_updates"}), ("vision_msgs", {"label_info"})]
+    may_lack = [("map_msgs", {"map_updates", "costmap_updates"}), ("vision_msgs", {"label_info", "persons"})]
     allowed = {name for package, names in may_lack if find_spec(package) is None for name in names}
-    assert missing == allowed | ({"labels_json"} if find_spec("vision_msgs") is not None else set())
+    instead = {"labels_json", "persons_json"} if find_spec("vision_msgs") is not None else set()
+    assert missing == allowed | instead
     assert there["/diagnostics"] == ["diagnostic_msgs/msg/DiagnosticArray"]
     for name in set(expected) - missing:
         assert there[name] == expected[name]

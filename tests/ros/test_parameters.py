@@ -82,6 +82,7 @@ SAFE: dict[str, Any] = {
     "costmap.inflation_radius_m": 0.8, "segmenter.min_confidence": 0.5, "geometry.enabled": True,
     "geometry.min_height_m": 0.2, "organised_cloud": True, "obstacle_cells_range_m": 5.0,
     "map_rate_hz": 2.0, "full_map_s": 0.0,
+    "speed_zone_m": 5.0, "speed_zone_percent": 20.0,
     "robot_radius_m": 2.0, "start_area_radius_m": 0.4, "start_area_ahead_m": 1.5, "start_area_s": 30.0,
     "start_area_at_start": True,
     "pose_wait_ms": 100.0, "save_folder": "elsewhere", "cloud_stride": 4, "grid.min_points": 2,

@@ -8,6 +8,7 @@ import pytest
 from swardmap.monitor.diagnostics import WARNINGS, Fault
 from swardmap.ros import engine, inputs, session
 from swardmap.ros.gate import GateConfig
+from swardmap.ros.map_outputs import OF_MAP
 from swardmap.ros.outputs import OF_CAMERA, OF_NODE
 from swardmap.ros.parameters import NodeConfig
 from tests.ros.node_process import ROOT
@@ -37,7 +38,7 @@ def test_topics_are_those_of_the_node_with_their_types() -> None:
         types = re.findall(r"\w+_msgs/\w+", last)
         for i, topic in enumerate(names(cells[0])):
             told[topic] = types[min(i, len(types) - 1)]
-    expected = {f"CAMERA/{name}": kind for name, kind in OF_CAMERA.items()} | dict(OF_NODE)
+    expected = {f"CAMERA/{name}": kind for name, kind in OF_CAMERA.items()} | dict(OF_NODE) | dict(OF_MAP)
     expected["/diagnostics"] = "diagnostic_msgs/msg/DiagnosticArray"
     assert told == {name: kind.replace("/msg/", "/") for name, kind in expected.items()}
 

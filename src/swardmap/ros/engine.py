@@ -21,6 +21,7 @@ from swardmap.mapping.work_area import WorkArea
 from swardmap.monitor.diagnostics import Diagnosis, HealthReport, frame_stats
 from swardmap.monitor.watchdog import Watchdog
 from swardmap.pipeline import ObstacleMapper, StepResult, configured_mount
+from swardmap.ros.layers import Values, evidence_values
 from swardmap.ros.stage_times import StageTimes
 from swardmap.segmenter import Segmenter
 from swardmap.types import Frame, Segmentation
@@ -38,6 +39,7 @@ class Engine:
     Attributes:
         left_out, mapped: counts of frames, by reason and by camera.
         stages: what takes how long.
+        area: work area, or None.
         viewpoint_m: (x, y) in the map of the camera whose frame was mapped last.
 
     Args:
@@ -61,7 +63,7 @@ class Engine:
         self.left_out: Counter[str] = Counter()
         self.mapped: Counter[str] = Counter()
         self.stages = StageTimes()
-        self._mounts, self._area = dict(mounts), area
+        self._mounts, self.area = dict(mounts), area
         self._map_lock, self._watch_lock = threading.Lock(), threading.Lock()
         self._watchdog = Watchdog(tuple(mounts), config.watchdog)
         self._mapper: ObstacleMapper
@@ -154,6 +156,12 @@ class Engine:
         """Costs of a snapshot."""
         return self._mapper.costmap(grid)
 
+    def evidence(self, spec: GridSpec) -> Values | None:
+        """Probability of a hazard in percent on some cells; None in a map that keeps no evidence."""
+        with self._map_lock:
+            log_odds = self._mapper.log_odds
+            return None if log_odds is None else evidence_values(log_odds, spec)
+
     def configure(self, config: Config) -> None:
         """Go on with other settings; those that the map is built on must be as they were."""
         with self._map_lock:
@@ -188,7 +196,7 @@ class Engine:
     def _begin(self, log_odds: LogOddsMap | None = None) -> None:
         self._version += 1
         mount = configured_mount(self.config.mount)
-        self._mapper = ObstacleMapper(self.segmenter, self.config, mount, self._area, log_odds)
+        self._mapper = ObstacleMapper(self.segmenter, self.config, mount, self.area, log_odds)
         self._last_observed, self._alone, self._newest_ns = None, None, 0
         if log_odds is not None:
             self._last_observed = LastObserved(log_odds.corner_cell)  # none of it was seen in this run

@@ -12,14 +12,18 @@ from string import Template
 from swardmap.config import Config
 from swardmap.errors import InvalidValueError
 from swardmap.ros.footprint import Footprint, corners_text, nav2_shape
+from swardmap.ros.viewer_files import foxglove_layout, rviz_config
 
 FOLDER = Path(__file__).parent.parent / "data" / "nav2"
 
-NAMES = ("swardmap", "map", "costs", "obstacles", "stvl", "semantic", "collision_monitor")
+NAMES = ("swardmap", "map", "costs", "obstacles", "stvl", "semantic", "collision_monitor", "filters")
 """Parameter files, without their ending .yaml."""
 
 DDS_PROFILE = "fastdds.xml"
 """Room for images in Fast DDS's shared memory."""
+
+RVIZ, FOXGLOVE = "swardmap.rviz", "foxglove.json"
+"""What shows all of it: `rviz2 -d swardmap.rviz`, and a layout to import in Foxglove."""
 
 FRESH_S = 0.5
 """A camera's clouds are older than this when something is wrong."""
@@ -66,7 +70,11 @@ def nav2_files(
         "update_s": repr(FRESH_S if len(cameras) == 1 else 0.0),
     }  # fmt: skip
     files = {f"{name}.yaml": _filled(name, values, cameras) for name in NAMES}
-    return files | {DDS_PROFILE: (FOLDER / DDS_PROFILE).read_text(encoding="utf-8")}
+    return files | {
+        DDS_PROFILE: (FOLDER / DDS_PROFILE).read_text(encoding="utf-8"),
+        RVIZ: rviz_config(cameras, namespace, map_frame, base_frame),
+        FOXGLOVE: foxglove_layout(cameras, namespace, base_frame),
+    }
 
 
 def write_nav2_files(folder: str | Path, files: Mapping[str, str]) -> None:

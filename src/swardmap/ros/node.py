@@ -14,6 +14,7 @@ from swardmap.monitor.diagnostics import Severity
 from swardmap.ros.bond import Bond
 from swardmap.ros.inputs import is_compressed
 from swardmap.ros.lifecycle import refuse_wrong_transitions
+from swardmap.ros.map_outputs import MapOutputs
 from swardmap.ros.outputs import Outputs
 from swardmap.ros.parameters import Declaration, Parameters, changed, declarations, parameters_from
 from swardmap.ros.services import serve
@@ -156,7 +157,9 @@ class RobotNode:
         began = time.monotonic()
         warm_up(session.engine.config, segmenter)
         self.log.info(f"{segmenter.name} is ready after {time.monotonic() - began:.1f} s; waiting for images")
-        self._outputs = Outputs(self.node, self._types, session.inputs, segmenter.label_set, node.image_depth)
+        of_map = MapOutputs(self.node, self._types, session.engine.area)
+        label_set, depth = segmenter.label_set, node.image_depth
+        self._outputs = Outputs(self.node, self._types, session.inputs, label_set, depth, of_map)
         self.session = session
         try:
             self._subscribe(session)
@@ -356,3 +359,5 @@ class RobotNode:
             session.load.published(grid.stamp_ns, self._now_ns())
             around_m, range_m = session.engine.viewpoint_m, node.obstacle_cells_range_m
             outputs.publish_cells(grid, around_m, range_m, session.robot_z_m)
+            evidence = session.engine.evidence(grid.spec) if outputs.of_map.heard("layers/evidence") else None
+            outputs.of_map.publish(grid, evidence, session.T_map_base, node)

@@ -23,6 +23,7 @@ from swardmap.ros.clouds import (
     obstacle_cells_fields,
     organised_cloud_fields,
 )
+from swardmap.ros.map_outputs import MapOutputs
 from swardmap.ros.messages import ros_message
 from swardmap.ros.session import Mapped
 from swardmap.ros.topics import Types, latched_qos
@@ -102,15 +103,22 @@ class Outputs:
         cameras: names.
         label_set: of the masks.
         depth: messages of frames that DDS keeps for a listener that is slow.
+        of_map: publishers of what is made of the map beside map and costmap.
     """
 
     def __init__(
-        self, node: Any, types: Types, cameras: Iterable[str], label_set: LabelSet, depth: int
+        self,
+        node: Any,
+        types: Types,
+        cameras: Iterable[str],
+        label_set: LabelSet,
+        depth: int,
+        of_map: MapOutputs,
     ) -> None:
         from sensor_msgs.msg import Image, PointCloud2
         from std_msgs.msg import Bool, String
 
-        self._node, self._types = node, types
+        self._node, self._types, self.of_map = node, types, of_map
         self._image, self._cloud, self._bool, self._string = Image, PointCloud2, Bool, String
         classes = {IMAGE: Image, CLOUD: PointCloud2}
         self._of_camera = {
@@ -143,6 +151,7 @@ class Outputs:
 
     def destroy(self) -> None:
         """Take all publishers back."""
+        self.of_map.destroy()
         grids = [*self._map.publishers, *self._costmap.publishers]
         rest = [
             self._cells,

@@ -68,6 +68,12 @@ class NodeConfig(Checked):
         maximum=16,
     )
     organised_cloud: bool = setting(False, "one point a pixel, NaN where there is none")
+    speed_zone_m: float = setting(
+        3.0, "masks/speed: the robot drives slowly this near to a person", minimum=0.1, maximum=50
+    )
+    speed_zone_percent: float = setting(
+        30.0, "masks/speed: of its full speed, in whole percent", minimum=1, maximum=100
+    )
     robot_radius_m: float = setting(
         1.0,
         "circle about the base that holds the robot: every map reaches so far",

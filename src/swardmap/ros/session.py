@@ -127,6 +127,12 @@ class Session:
         return tuple(self.inputs) if self.active is None else self.active.names
 
     @property
+    def T_map_base(self) -> Pose | None:
+        """The newest pose of the robot's base; None where it is not known."""
+        robot = self.robot
+        return None if robot is None else robot[1]
+
+    @property
     def robot_z_m(self) -> float:
         """Height of the robot's base, on the ground, in the map frame; 0 where its pose is not known."""
         robot = self.robot

@@ -16,6 +16,7 @@ OPTIONAL: Mapping[str, tuple[str, str]] = {
     "tf2_msgs.msg:TFMessage": ("tf", "poses come from odometry only: set source.odometry_topic"),
     "map_msgs.msg:OccupancyGridUpdate": ("updates", "maps are always sent whole"),
     "vision_msgs.msg:LabelInfo": ("label_info", "classes are told as JSON on ~/labels_json"),
+    "vision_msgs.msg:Detection3DArray": ("persons", "persons are told as JSON on ~/persons_json"),
     "diagnostic_msgs.msg:DiagnosticArray": ("diagnostics", "faults are told as JSON on ~/health_json only"),
     "std_srvs.srv:Trigger": (
         "services",
