@@ -21,9 +21,9 @@ from swardmap.labels import GRASS_OBSTACLE_PERSON, VOID_ID
 from swardmap.models import bundled_network
 from swardmap.models.colour import grass_threshold, green_chromaticity
 from swardmap.models.onnx import OnnxSegmenter
-from swardmap.train.check import Checked, check
 from swardmap.train.classes import classes_text
 from swardmap.train.data import load_photos
+from swardmap.train.evaluate import Evaluation, evaluate_network
 from swardmap.train.photos import Photo
 from swardmap.train.recipe import recipe_from_dict
 from swardmap.train.score import Score
@@ -69,12 +69,12 @@ def main() -> None:
         show(_score_of_colour(photos), len(photos))
         return
     lights = {photo.light: [p for p in photos if p.light == photo.light] for photo in photos}
-    by_light = {light: check(path, some) for light, some in lights.items()}
-    checked = together(by_light.values())
-    show(checked.score, len(photos))
+    by_light = {light: evaluate_network(path, some) for light, some in lights.items()}
+    evaluation = together(by_light.values())
+    show(evaluation.score, len(photos))
     if len(by_light) > 1:
         show_lights({light: part.score for light, part in by_light.items()})
-    show_reliability(checked)
+    show_reliability(evaluation)
     if arguments.borders:
         show_borders(path, photos)
     if arguments.worst:
@@ -90,12 +90,12 @@ def _score_of_colour(photos: list[Photo]) -> Score:
     return score
 
 
-def together(parts: Iterable[Checked]) -> Checked:
+def together(parts: Iterable[Evaluation]) -> Evaluation:
     """The figures of all parts."""
     first, *rest = parts
     for part in rest:
         score = replace(first.score, counts=first.score.counts + part.score.counts)
-        first = Checked(score, first.bins + part.bins)
+        first = Evaluation(score, first.bins + part.bins)
     return first
 
 
@@ -118,15 +118,15 @@ def show(score: Score, count: int) -> None:
         print(f"  {name:12}" + "".join(f"{n:9d}" for n in row))
 
 
-def show_reliability(checked: Checked) -> None:
+def show_reliability(evaluation: Evaluation) -> None:
     print("  confidence   pixels   mean confidence   right")
-    for low, (count, confidence, right) in enumerate(checked.bins):
+    for low, (count, confidence, right) in enumerate(evaluation.bins):
         if count:
             print(
                 f"  {low / 10:.1f}-{low / 10 + 0.1:.1f} {count:12.0f}"
                 f" {confidence / count:12.3f} {right / count:12.3f}"
             )
-    print(f"  expected calibration error {checked.calibration_error:.4f}")
+    print(f"  expected calibration error {evaluation.calibration_error:.4f}")
 
 
 def show_borders(path: Path, photos: list[Photo]) -> None:
@@ -169,7 +169,7 @@ def show_covered(path: Path | None) -> None:
 def show_worst(path: Path, photos: list[Photo], count: int) -> None:
     scored = []
     for photo in photos:
-        counts = check(path, [photo]).score.counts
+        counts = evaluate_network(path, [photo]).score.counts
         known = (photo.codes != VOID_ID).sum()
         scored.append((int(counts.sum() - np.trace(counts)), int(known), photo.stem))
     for wrong, known, stem in sorted(scored, reverse=True)[:count]:

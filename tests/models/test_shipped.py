@@ -13,8 +13,8 @@ from swardmap.config import SegmenterConfig
 from swardmap.labels import GRASS, GRASS_OBSTACLE_PERSON, OTHER
 from swardmap.models import build_segmenter, bundled_network
 from swardmap.models.onnx import OnnxSegmenter
-from swardmap.train.check import check
 from swardmap.train.data import load_photos
+from swardmap.train.evaluate import evaluate_network
 from swardmap.train.recipe import recipe_from_dict
 from swardmap.types import Frame
 
@@ -69,7 +69,7 @@ def test_real_photos_it_never_saw(shipped: OnnxSegmenter) -> None:
     photos = load_photos(recipe_from_dict({"name": "val", "data": [entry]}), DATA, validation=False)[0].photos
     path = bundled_network()
     assert path is not None
-    figures = check(path, photos, threads=1).score.figures()
+    figures = evaluate_network(path, photos, threads=1).score.figures()
     least = {"accuracy": 0.95, "grass_iou": 0.90, "person_iou": 0.60}
     for name, limit in least.items():
         value = figures[name]

@@ -9,8 +9,8 @@ import torch
 from swardmap.errors import ModelError
 from swardmap.models.onnx import OnnxSegmenter
 from swardmap.train.build import build_network, network_spec
-from swardmap.train.check import check, reliability_bins
 from swardmap.train.data import load_photos
+from swardmap.train.evaluate import evaluate_network, reliability_bins
 from swardmap.train.export import (
     export_onnx,
     fit_temperature,
@@ -82,10 +82,10 @@ def test_temperature_makes_confidence_honest(
     path, _, photos = exported
     copy = tmp_path / "net.onnx"
     copy.write_bytes(path.read_bytes())
-    before = check(copy, photos)
+    before = evaluate_network(copy, photos)
     temperature = fit_temperature(copy, photos)
     with_spec(copy, temperature=temperature)
-    after = check(copy, photos)
+    after = evaluate_network(copy, photos)
     np.testing.assert_array_equal(before.score.counts, after.score.counts)  # no class changes
     assert after.calibration_error <= before.calibration_error + 0.02
     assert OnnxSegmenter(copy).spec.temperature == pytest.approx(temperature)

@@ -148,7 +148,7 @@ def test_each_validation_set_has_its_say_in_the_choice(data_root: Path, tiny_rec
     ]
     sets = load_photos(recipe_from_dict(tree), data_root, validation=True)
     figures = {"a.grass_iou": 0.8, "a.obstacle_called_grass": 0.2, "b.grass_iou": 0.4, "b.person_iou": 0.8}
-    assert loop.merit(figures, sets, GRASS_OBSTACLE_PERSON) == pytest.approx((3 * 0.6 + 0.6) / 4)
+    assert loop.selection_score(figures, sets, GRASS_OBSTACLE_PERSON) == pytest.approx((3 * 0.6 + 0.6) / 4)
     recipe = recipe_from_dict(tree)
     measured = loop.validate(
         loop.averaged_network(start_run(recipe, torch.device("cpu"), pretrained=False)),

@@ -23,15 +23,15 @@ from swardmap.train.checkpoint import Run, begin_from, make_folder, restore, sav
 from swardmap.train.data import Codes, PhotoSet, draw_batch, load_photos, make_codes
 from swardmap.train.loss import set_loss
 from swardmap.train.networks import DeepLabV3Plus
+from swardmap.train.onnx_weights import load_onnx_weights
 from swardmap.train.photos import Photo
 from swardmap.train.pictures import write_pictures
-from swardmap.train.processes import join_processes, share_gradients
+from swardmap.train.processes import all_reduce_gradients, join_processes
 from swardmap.train.recipe import Recipe
 from swardmap.train.score import Score
-from swardmap.train.unfold import unfold
 from swardmap.types import Segmentation
 
-UNFOLDING_BATCHES = 8
+STATISTICS_BATCHES = 8
 """Of 8 views each: enough for the statistics of the batch norms of a network that came from a file."""
 
 Report = Callable[[Mapping[str, Any]], None]
@@ -97,7 +97,7 @@ def train(recipe: Recipe, root: Path, out: Path, report: Report, device: str = "
             figures = validate(network, recipe, check, run.device)
             run.history.append({"step": run.step, "loss": loss, **figures})
             report(run.history[-1])
-            save_progress(run, out, merit(figures, check, recipe.network.label_set))
+            save_progress(run, out, selection_score(figures, check, recipe.network.label_set))
             write_pictures(out, run.history, _examples(network, recipe, check, run.device))
     return run
 
@@ -111,8 +111,8 @@ def _begin(run: Run, root: Path, sets: Sequence[PhotoSet]) -> None:
     path = bundled_network() if start == "auto" else root / start
     if path is None:
         raise ConfigError(f"recipe {run.recipe.name}: start: auto, but this package holds no network")
-    views = (draw_batch(sets, run.recipe, range(8), step) for step in range(UNFOLDING_BATCHES))
-    unfold(path, run.network, network_spec(run.recipe), (_tensors(v, run)[0] for v in views))
+    views = (draw_batch(sets, run.recipe, range(8), step) for step in range(STATISTICS_BATCHES))
+    load_onnx_weights(path, run.network, network_spec(run.recipe), (_tensors(v, run)[0] for v in views))
     run.average = {k: v.detach().clone() for k, v in run.network.state_dict().items()}
 
 
@@ -122,7 +122,7 @@ def train_step(run: Run, sets: Sequence[PhotoSet], codes: Codes, rank: int = 0, 
     torch.manual_seed(schedule.seed * 1_000_003 + run.step)  # dropout
     views = draw_batch(sets, run.recipe, range(rank, schedule.batch, world), run.step)
     for group in run.optimizer.param_groups:
-        group["lr"] = group["peak"] * _pace(run.step, schedule.warmup, schedule.steps)
+        group["lr"] = group["peak"] * _warmup_cosine(run.step, schedule.warmup, schedule.steps)
     run.network.train()
     image, view_codes, fine = _tensors(views, run)
     half = torch.autocast(run.device.type, torch.bfloat16, enabled=schedule.precision == "bf16")
@@ -138,7 +138,7 @@ def train_step(run: Run, sets: Sequence[PhotoSet], codes: Codes, rank: int = 0, 
         loss = loss + schedule.auxiliary_weight * total / (small != 255).sum().clamp(min=1)
     run.optimizer.zero_grad(set_to_none=True)
     loss.backward()
-    share_gradients(run.optimizer, world)
+    all_reduce_gradients(run.optimizer, world)
     nn.utils.clip_grad_norm_(run.network.parameters(), 5.0)
     run.optimizer.step()
     run.step += 1
@@ -177,7 +177,7 @@ def predict(network: nn.Module, recipe: Recipe, photo: Photo, device: torch.devi
     return Segmentation(labels, spec.label_set, confidence).resized_to(*photo.codes.shape)
 
 
-def merit(figures: Mapping[str, Any], sets: Sequence[PhotoSet], label_set: LabelSet) -> float:
+def selection_score(figures: Mapping[str, Any], sets: Sequence[PhotoSet], label_set: LabelSet) -> float:
     """One number to choose the best checkpoint by: grass found, obstacles not run over, persons seen.
 
     The mean over the validation sets by their weights, however many photos each has.
@@ -223,7 +223,8 @@ def _examples(
     return [(p, predict(network, recipe, p, device)) for p in photos[:: max(1, len(photos) // count)]]
 
 
-def _pace(step: int, warmup: int, steps: int) -> float:
+def _warmup_cosine(step: int, warmup: int, steps: int) -> float:
+    """Share of the peak learning rate: linear warm-up, then half a cosine down to 0."""
     if step < warmup:
         return (step + 1) / warmup
     return 0.5 * (1 + float(np.cos(np.pi * (step - warmup) / max(1, steps - warmup))))

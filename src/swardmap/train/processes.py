@@ -40,7 +40,7 @@ def join_processes(device: str) -> tuple[int, int]:
     return torch.distributed.get_rank(), world
 
 
-def share_gradients(optimizer: torch.optim.Optimizer, world: int) -> None:
+def all_reduce_gradients(optimizer: torch.optim.Optimizer, world: int) -> None:
     """Every process steps along the mean of all gradients, so that their weights stay the same."""
     if world == 1:
         return

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from swardmap.train.build import add_grass_bias, network_spec
-from swardmap.train.check import check
 from swardmap.train.checkpoint import blended, load_network
 from swardmap.train.data import load_photos
+from swardmap.train.evaluate import evaluate_network
 from swardmap.train.export import export_onnx, fit_temperature, quantise, with_spec
 from swardmap.train.photos import Photo
 
@@ -86,7 +86,7 @@ def _spread(recipe: Any, root: Path, count: int) -> list[Photo]:
 
 def _figures(path: Path, held: Mapping[str, list[Photo]]) -> dict[str, float | None]:
     """Figures of all photos together and, if there are several sets, of each."""
-    scores = {name: check(path, photos).score for name, photos in held.items()}
+    scores = {name: evaluate_network(path, photos).score for name, photos in held.items()}
     first, *rest = scores.values()
     together = replace(first, counts=sum((s.counts for s in rest), first.counts))
     figures = dict(together.figures())

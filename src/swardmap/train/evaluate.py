@@ -15,7 +15,7 @@ from swardmap.types import Segmentation
 
 
 @dataclass(frozen=True)
-class Checked:
+class Evaluation:
     """Figures of one network file on labelled photos.
 
     Attributes:
@@ -33,7 +33,7 @@ class Checked:
         return float(np.abs(filled[:, 1] - filled[:, 2]).sum() / filled[:, 0].sum())
 
 
-def check(path: Path, photos: Iterable[Photo], threads: int = 0) -> Checked:
+def evaluate_network(path: Path, photos: Iterable[Photo], threads: int = 0) -> Evaluation:
     """Figures of a network file on labelled photos."""
     segmenter = OnnxSegmenter(path, threads)
     spec = segmenter.spec
@@ -47,7 +47,7 @@ def check(path: Path, photos: Iterable[Photo], threads: int = 0) -> Checked:
         score = score.plus(truth, mask.labels)
         assert mask.confidence is not None  # noqa: S101 - a network always has one
         bins += reliability_bins(mask.confidence[truth != VOID_ID], (mask.labels == truth)[truth != VOID_ID])
-    return Checked(score, bins)
+    return Evaluation(score, bins)
 
 
 def reliability_bins(confidence: NDArray[np.float32], right: NDArray[np.bool_]) -> NDArray[np.float64]:

@@ -25,7 +25,9 @@ Pair = tuple[str, nn.BatchNorm2d]
 FloatArray = NDArray[np.float32]
 
 
-def unfold(path: Path, network: DeepLabV3Plus, spec: NetworkSpec, images: Iterable[Tensor]) -> None:
+def load_onnx_weights(
+    path: Path, network: DeepLabV3Plus, spec: NetworkSpec, images: Iterable[Tensor]
+) -> None:
     """Give a network the weights of a file that `swardmap export` wrote, float32 or INT8.
 
     Args:

@@ -17,8 +17,8 @@ from swardmap.train.data import load_photos
 from swardmap.train.export import export_onnx, quantise, with_spec
 from swardmap.train.loop import predict, train
 from swardmap.train.networks import DeepLabV3Plus
+from swardmap.train.onnx_weights import load_onnx_weights
 from swardmap.train.recipe import recipe_from_dict
-from swardmap.train.unfold import unfold
 from swardmap.types import Segmentation
 
 pytest.importorskip("onnxscript", reason="export needs the package onnxscript")
@@ -61,7 +61,7 @@ def test_a_network_comes_back_from_its_file(
     with_spec(tmp_path / "net.onnx", training={"grass_bias": 0.7})
 
     again = build_network(recipe)
-    unfold(tmp_path / "net.onnx", again, spec, [images])
+    load_onnx_weights(tmp_path / "net.onnx", again, spec, [images])
     with torch.no_grad():
         torch.testing.assert_close(again(images), expected, atol=2e-3, rtol=1e-3)
         again.decoder.aspp[0].project[-1].p = 0.0  # dropout
@@ -79,7 +79,7 @@ def test_int8_comes_back_but_for_its_rounding(
     pictures = ((images + 0.5) * 255).byte().permute(0, 2, 3, 1).numpy()
     quantise(tmp_path / "net.onnx", tmp_path / "small.onnx", list(pictures))
     again = build_network(recipe)
-    unfold(tmp_path / "small.onnx", again, network_spec(recipe), [images])
+    load_onnx_weights(tmp_path / "small.onnx", again, network_spec(recipe), [images])
     for (name, weight), expected in zip(again.named_parameters(), first.parameters(), strict=True):
         if name == "segmentation_head.0.weight":  # the one layer without a batch norm
             torch.testing.assert_close(weight, expected, atol=0.01, rtol=0)
@@ -99,7 +99,7 @@ def test_new_classes_begin_as_what_they_are_called_or_what_role_they_play(
     add_grass_bias(first, spec, -0.7)
     own = recipe_from_dict(tiny_recipe(classes="person=person,clover=free,pond=obstacle,grass=free"))
     again = build_network(own)
-    unfold(tmp_path / "net.onnx", again, network_spec(own), [images])
+    load_onnx_weights(tmp_path / "net.onnx", again, network_spec(own), [images])
     with torch.no_grad():
         torch.testing.assert_close(again(images), first(images)[:, [2, 1, 0, 1]], atol=2e-3, rtol=1e-3)
     export_onnx(again, network_spec(own), tmp_path / "own.onnx")
@@ -119,11 +119,11 @@ def test_another_network_or_no_network_is_said(
     export_onnx(build_network(recipe), network_spec(recipe), tmp_path / "net.onnx")
     wider = build_network(recipe_from_dict(tiny_recipe(decoder_channels=24)))
     with pytest.raises(ModelError, match="expected the recipe's network"):
-        unfold(tmp_path / "net.onnx", wider, network_spec(recipe), [images])
+        load_onnx_weights(tmp_path / "net.onnx", wider, network_spec(recipe), [images])
     (tmp_path / "cut.onnx").write_bytes((tmp_path / "net.onnx").read_bytes()[:999])
     for name in ("cut.onnx", "none.onnx"):
         with pytest.raises(ModelError, match=name):
-            unfold(tmp_path / name, wider, network_spec(recipe), [images])
+            load_onnx_weights(tmp_path / name, wider, network_spec(recipe), [images])
 
 
 def test_training_may_begin_from_the_network_in_the_package(
