@@ -9,7 +9,7 @@ named and left out. `--by-robot` splits dev by its cameras and shows whether P(n
 """
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from swardmap.labels import VOID_ID
 from swardmap.models import bundled_network
 from swardmap.models.onnx import OnnxSegmenter, decide, preprocess
 from swardmap.train.data import load_photos
+from swardmap.train.light import SRGB_GAMMA, saturated, vignette
 from swardmap.train.photos import Photo
 from swardmap.train.recipe import recipe_from_dict
 from swardmap.train.score import Score
@@ -32,6 +33,9 @@ PATHS = "ensta_3 ensta_7 ensta_15 ensta_ob16"  # no grass is labelled there
 CAMPUS = "ensta_2 ensta_6 ensta_8 ensta_14 ensta_ob7"
 COLUMNS = ("accuracy", "grass_iou", "obstacle_called_grass", "person_iou")
 
+Image = NDArray[np.uint8]
+Camera = Callable[[Image], Image]
+
 
 @dataclass(frozen=True)
 class EvaluationSet:
@@ -41,11 +45,27 @@ class EvaluationSet:
         name: in the table.
         entry: as in a recipe's `data`.
         stems: the photos it is limited to; empty = all.
+        camera: what another camera makes of the photos; none = as they are.
     """
 
     name: str
     entry: dict[str, Any]
     stems: frozenset[str] = field(default_factory=frozenset)
+    camera: Camera | None = None
+
+
+def through_camera(
+    gains: tuple[float, float, float], saturation: float = 1.0, corners: float = 0.0
+) -> Camera:
+    """A camera with gains of linear light (red, green, blue) and this share of it lost in the corners."""
+
+    def see(image: Image) -> Image:
+        linear = (image / np.float32(255)) ** np.float32(SRGB_GAMMA) * np.array(gains, np.float32)
+        linear *= vignette(image.shape[:2], corners)[..., None]
+        seen = np.clip(linear, 0, 1) ** np.float32(1 / SRGB_GAMMA) * 255
+        return saturated(np.rint(seen).astype(np.uint8), saturation)
+
+    return see
 
 
 DEV = {"folder": "robot_lawns", "list": "dev.txt"}
@@ -54,6 +74,10 @@ SETS = (
     EvaluationSet("dev: all robots", DEV),
     EvaluationSet("dev: campus, shade", DEV, frozenset(f"{CAMPUS} {PATHS}".split())),
     EvaluationSet("dev: forest and paths", DEV, frozenset(f"{FOREST} {PATHS}".split())),
+    EvaluationSet("dev: 2.5 stops darker", DEV, camera=through_camera((0.18, 0.18, 0.18))),
+    EvaluationSet("dev: darker and bluish", DEV, camera=through_camera((0.25, 0.4, 0.65))),
+    EvaluationSet("dev: yellowish", DEV, camera=through_camera((1.5, 1.0, 0.5))),
+    EvaluationSet("dev: nearly grey, vignette", DEV, camera=through_camera((0.7, 0.7, 0.7), 0.2, 0.8)),
     EvaluationSet("igvc_lawn, held out by time", {"folder": "igvc_lawn", "list": "held.txt"}),
     EvaluationSet("MSRC, 46 held out", HELD),
     EvaluationSet("MSRC, val.txt", {"folder": "msrc_v2", "list": "val.txt"}),
@@ -107,7 +131,10 @@ def read_set(evaluation: EvaluationSet, root: Path) -> list[Photo]:
     learnt = {**entry, "validation": False}  # a recipe must have something to learn from; it is not read
     recipe = recipe_from_dict({"name": "score", "data": [learnt, entry]})
     photos = load_photos(recipe, root, validation=True)[0].photos
-    return [p for p in photos if not evaluation.stems or p.stem in evaluation.stems]
+    photos = [p for p in photos if not evaluation.stems or p.stem in evaluation.stems]
+    if evaluation.camera is None:
+        return photos
+    return [replace(p, image=evaluation.camera(p.image)) for p in photos]
 
 
 def scores(segmenter: OnnxSegmenter, photos: Sequence[Photo], biases: Sequence[float]) -> list[Score]:
@@ -162,8 +189,8 @@ def _not_grass(
     exponents = np.exp(scaled - scaled.max(0))
     grass = spec.channel_ids.index(1)
     probability = (1 - exponents[grass] / exponents.sum(0)).astype(np.float32)
-    index = replace(Segmentation(np.zeros(probability.shape, np.uint8), spec.label_set, probability))
-    resized = index.resized_to(*photo.codes.shape).confidence
+    mask = Segmentation(np.zeros(probability.shape, np.uint8), spec.label_set, probability)
+    resized = mask.resized_to(*photo.codes.shape).confidence
     assert resized is not None
     known = photo.codes != VOID_ID
     return resized[known].astype(np.float64), photo.codes[known] != 1
