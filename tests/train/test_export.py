@@ -9,11 +9,11 @@ import torch
 from swardmap.errors import ModelError
 from swardmap.models.onnx import OnnxSegmenter
 from swardmap.train.build import build_network, network_spec
+from swardmap.train.calibrate import fit_temperature
 from swardmap.train.data import load_photos
 from swardmap.train.evaluate import evaluate_network, reliability_bins
 from swardmap.train.export import (
     export_onnx,
-    fit_temperature,
     quantise,
     read_spec,
     with_spec,
@@ -83,7 +83,7 @@ def test_temperature_makes_confidence_honest(
     copy = tmp_path / "net.onnx"
     copy.write_bytes(path.read_bytes())
     before = evaluate_network(copy, photos)
-    temperature = fit_temperature(copy, photos)
+    temperature = fit_temperature(copy, {"held": photos})
     with_spec(copy, temperature=temperature)
     after = evaluate_network(copy, photos)
     np.testing.assert_array_equal(before.score.counts, after.score.counts)  # no class changes

@@ -29,6 +29,10 @@ def export(
     blend_share: Annotated[
         list[float] | None, typer.Option(help="Share of the weights of each --blend, 0 to 1.")
     ] = None,
+    calibrate_classes: Annotated[
+        bool,
+        typer.Option(help="Fit a bias for each class on the validation sets, each of which counts alike."),
+    ] = False,
     max_loss: Annotated[float, typer.Option(help="Points of grass IoU that INT8 may cost.")] = 0.5,
     as_json: Json = False,
 ) -> None:
@@ -43,7 +47,15 @@ def export(
     if len(paths) != len(shares) or not all(0 <= share <= 1 for share in shares):
         raise typer.BadParameter("expected one --blend-share of 0 to 1 for each --blend")
     result = release(
-        checkpoint, data, out, int8, images, size, grass_bias, tuple(zip(paths, shares, strict=True))
+        checkpoint,
+        data,
+        out,
+        int8,
+        images,
+        size,
+        grass_bias,
+        tuple(zip(paths, shares, strict=True)),
+        calibrate_classes,
     )
     if as_json:
         print(json.dumps(result, indent=2))

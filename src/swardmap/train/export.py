@@ -7,7 +7,7 @@ signed activations take twice as long. The metadata travels inside the file.
 import logging
 import os
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,8 +21,6 @@ from swardmap.models.onnx import preprocess
 from swardmap.models.spec import METADATA_KEY, NetworkSpec
 from swardmap.train.augment import Image
 from swardmap.train.networks import DeepLabV3Plus
-from swardmap.train.photos import Photo
-from swardmap.types import nearest_indices
 
 OPSET = 18
 INPUT, OUTPUT = "image", "logits"
@@ -64,7 +62,7 @@ def export_onnx(network: DeepLabV3Plus, spec: NetworkSpec, path: Path) -> float:
     _write(model, spec, path)
     with torch.no_grad():
         expected = network(example).numpy()
-    got = _session_of(path).run(None, {INPUT: example.numpy()})[0]
+    got = open_session(path).run(None, {INPUT: example.numpy()})[0]
     difference = float(np.abs(expected - got).max())
     if not difference < AGREEMENT:
         raise ModelError(f"{path}: the exported network differs from torch by {difference:.3g} of a logit")
@@ -107,39 +105,6 @@ def quantise(source: Path, target: Path, images: Iterable[Image]) -> None:
         partial.unlink(missing_ok=True)
 
 
-def fit_temperature(path: Path, photos: Sequence[Photo]) -> float:
-    """Temperature that makes the confidence most likely on labelled photos (one number, no class changes).
-
-    Args:
-        path: of the network file.
-        photos: not used in training.
-    """
-    spec = read_spec(path)
-    session = _session_of(path)
-    buffer = np.zeros((1, 3, spec.height, spec.width), np.float32)
-    margins, truths = [], []
-    for photo in photos:
-        preprocess(photo.image, spec, buffer)
-        logits = session.run(None, {INPUT: buffer})[0][0]
-        if len(logits) == 1:
-            logits = np.concatenate([np.zeros_like(logits), logits])
-        rows, columns = (
-            nearest_indices(a, b) for a, b in zip(logits.shape[1:], photo.codes.shape, strict=True)
-        )
-        truth = photo.codes[rows[:, None], columns[None, :]]
-        known = truth < len(logits)
-        margins.append(logits[:, known].T[::7])
-        truths.append(truth[known][::7])
-    z, t = np.concatenate(margins).astype(np.float64), np.concatenate(truths)
-
-    def cost(log_temperature: float) -> float:
-        scaled = z / np.exp(log_temperature)
-        scaled -= scaled.max(1, keepdims=True)
-        return float(np.mean(np.log(np.exp(scaled).sum(1)) - scaled[np.arange(len(t)), t]))
-
-    return float(np.exp(_minimum(cost, -2.0, 2.5)))
-
-
 def with_spec(path: Path, **changes: Any) -> NetworkSpec:
     """Change what a network file says about itself, and write it back whole."""
     import onnx
@@ -157,23 +122,6 @@ def read_spec(path: Path) -> NetworkSpec:
     if METADATA_KEY not in metadata:
         raise ModelError(f"{path}: expected the metadata '{METADATA_KEY}', got a network without")
     return NetworkSpec.from_json(metadata[METADATA_KEY], str(path))
-
-
-def _minimum(cost: Callable[[float], float], low: float, high: float) -> float:
-    """Golden-section search of a function with one minimum."""
-    ratio = (np.sqrt(5) - 1) / 2
-    a, b = high - ratio * (high - low), low + ratio * (high - low)
-    fa, fb = cost(a), cost(b)
-    while high - low > 1e-3:
-        if fa < fb:
-            high, b, fb = b, a, fa
-            a = high - ratio * (high - low)
-            fa = cost(a)
-        else:
-            low, a, fa = a, b, fb
-            b = low + ratio * (high - low)
-            fb = cost(b)
-    return (low + high) / 2
 
 
 def _reader(images: Iterable[Image], spec: NetworkSpec) -> Any:
@@ -194,7 +142,8 @@ def _reader(images: Iterable[Image], spec: NetworkSpec) -> Any:
     return Reader()
 
 
-def _session_of(path: Path) -> Any:
+def open_session(path: Path) -> Any:
+    """A session of ONNX Runtime on the CPU."""
     import onnxruntime
 
     options = onnxruntime.SessionOptions()

@@ -2,15 +2,20 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import chain, islice
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from swardmap.train.build import add_grass_bias, network_spec
+import torch
+
+from swardmap.models.spec import NetworkSpec
+from swardmap.train.build import HEAD, add_grass_bias, network_spec
+from swardmap.train.calibrate import fit_class_biases, fit_temperature, labelled_logits
 from swardmap.train.checkpoint import blended, load_network
 from swardmap.train.data import load_photos
 from swardmap.train.evaluate import evaluate_network
-from swardmap.train.export import export_onnx, fit_temperature, quantise, with_spec
+from swardmap.train.export import export_onnx, quantise, with_spec
+from swardmap.train.networks import DeepLabV3Plus
 from swardmap.train.photos import Photo
 
 
@@ -23,6 +28,7 @@ def release(
     size: tuple[int, int] | None = None,
     grass_bias: float = 0.0,
     blend: Sequence[tuple[Path, float]] = (),
+    calibrate_classes: bool = False,
 ) -> dict[str, Any]:
     """Write `out`, and say what it costs and how good it is on the recipe's validation data.
 
@@ -36,6 +42,7 @@ def release(
         grass_bias: added to the logit of classes that may be driven on, to trade grass missed for
             obstacles called grass; choose it on validation data.
         blend: other checkpoints and their shares of the weights, mixed in one after another; see `blended`.
+        calibrate_classes: fit a bias for each class on the validation data, before `grass_bias` is added.
 
     Returns:
         Figures of both precisions, the INT8 loss in points of grass IoU, temperature, size.
@@ -55,11 +62,13 @@ def release(
     }
     if blend:
         training["blend_shares"] = [share for _, share in blend]
+    plain = out.with_suffix(".float32.onnx") if int8 else out
+    held = {s.config.name: s.photos for s in load_photos(recipe, root, validation=True)}
+    if calibrate_classes and held:
+        training["class_biases"] = _calibrate_classes(network, spec, held, plain)
     spec = replace(spec, training=training)
     add_grass_bias(network, spec, grass_bias)
-    plain = out.with_suffix(".float32.onnx") if int8 else out
     difference = export_onnx(network, spec, plain)
-    held = {s.config.name: s.photos for s in load_photos(recipe, root, validation=True)}
     result: dict[str, Any] = {"file": str(out), "difference": difference}
     try:
         if held:
@@ -71,11 +80,22 @@ def release(
     finally:
         if int8:
             plain.unlink(missing_ok=True)
-    temperature = fit_temperature(out, list(chain.from_iterable(held.values()))) if held else 1.0
+    temperature = fit_temperature(out, held) if held else 1.0
     metrics = {k: result[k] for k in ("float32", "int8") if result.get(k)}
     with_spec(out, temperature=temperature, metrics=metrics)
     result.update(temperature=temperature, bytes=out.stat().st_size, int8_loss_points=_loss(result))
     return result
+
+
+@torch.no_grad()
+def _calibrate_classes(
+    network: DeepLabV3Plus, spec: NetworkSpec, held: Mapping[str, list[Photo]], scratch: Path
+) -> list[float]:
+    """Add to the head what makes the probability of each class most likely; returns what was added."""
+    export_onnx(network, spec, scratch)
+    biases = fit_class_biases(labelled_logits(scratch, held))[1]
+    network.get_parameter(HEAD[1]).add_(torch.from_numpy(biases[-spec.channels :]).float())
+    return [round(float(b), 4) for b in biases]
 
 
 def _spread(recipe: Any, root: Path, count: int) -> list[Photo]:
