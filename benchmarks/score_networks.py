@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,6 +32,7 @@ from swardmap.types import Segmentation
 FOREST = "ensta_1 ensta_10 ensta_11 ensta_12 ensta_ob3"
 PATHS = "ensta_3 ensta_7 ensta_15 ensta_ob16"  # no grass is labelled there
 CAMPUS = "ensta_2 ensta_6 ensta_8 ensta_14 ensta_ob7"
+PICTURE = (240, 180)
 COLUMNS = ("accuracy", "grass_iou", "obstacle_called_grass", "person_iou")
 
 Image = NDArray[np.uint8]
@@ -68,6 +70,7 @@ def through_camera(
     return see
 
 
+IGVC = {"folder": "igvc_lawn", "list": "held.txt"}
 DEV = {"folder": "robot_lawns", "list": "dev.txt"}
 HELD = {"folder": "msrc_v2", "list": "train.txt", "hold_out": 9, "validation": True}
 SETS = (
@@ -78,7 +81,7 @@ SETS = (
     EvaluationSet("dev: darker and bluish", DEV, camera=through_camera((0.25, 0.4, 0.65))),
     EvaluationSet("dev: yellowish", DEV, camera=through_camera((1.5, 1.0, 0.5))),
     EvaluationSet("dev: nearly grey, vignette", DEV, camera=through_camera((0.7, 0.7, 0.7), 0.2, 0.8)),
-    EvaluationSet("igvc_lawn, held out by time", {"folder": "igvc_lawn", "list": "held.txt"}),
+    EvaluationSet("igvc_lawn, held out by time", IGVC),
     EvaluationSet("MSRC, 46 held out", HELD),
     EvaluationSet("MSRC, val.txt", {"folder": "msrc_v2", "list": "val.txt"}),
     EvaluationSet("gardens/dev", {"folder": "gardens/dev", "kind": "recording"}),
@@ -97,6 +100,8 @@ def main() -> None:
     parser.add_argument(
         "--by-robot", action="store_true", help="reliability of P(not grass) by camera, on dev"
     )
+    parser.add_argument("--pictures", type=Path, help="write photo and masks side by side here, of --stems")
+    parser.add_argument("--stems", default="", help="names of dev's or igvc_lawn's photos, with commas")
     arguments = parser.parse_args()
     paths = [bundled_network() if n == "auto" else Path(n) for n in arguments.networks]
     if None in paths:
@@ -106,6 +111,9 @@ def main() -> None:
     if arguments.by_robot:
         for name, segmenter in zip(arguments.networks, segmenters, strict=True):
             show_reliability(name, segmenter, read_set(SETS[0], arguments.data))
+        return
+    if arguments.pictures is not None:
+        write_pictures(arguments.pictures, segmenters, arguments.stems.split(","), arguments.data)
         return
     print(f"set | photos | network | bias | {' | '.join(COLUMNS)}")
     for evaluation in SETS:
@@ -160,6 +168,21 @@ def each_logits(
     for photo in photos:
         preprocess(photo.image, spec, buffer)
         yield photo, session.run(None, {segmenter._input: buffer})[0]
+
+
+def write_pictures(out: Path, segmenters: Sequence[OnnxSegmenter], stems: Sequence[str], root: Path) -> None:
+    """A row for each photo: the photo, and what each network says of it."""
+    photos = {p.stem: p for s in SETS if s.entry in (DEV, IGVC) for p in read_set(s, root) if not s.camera}
+    rows = []
+    for photo in (photos[stem] for stem in stems):
+        small = np.asarray(cv2.resize(photo.image, PICTURE, interpolation=cv2.INTER_AREA), np.uint8)
+        cells = [small]
+        for segmenter in segmenters:
+            mask = Segmentation(segmenter.segment(photo.image)[0], segmenter.label_set)
+            colors = segmenter.label_set.color_table[mask.resized_to(*PICTURE[::-1]).labels]
+            cells.append(np.asarray(cv2.addWeighted(small, 0.5, colors, 0.5, 0), np.uint8))
+        rows.append(np.hstack(cells))
+    cv2.imwrite(str(out), np.vstack(rows)[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 80])
 
 
 def show_reliability(name: str, segmenter: OnnxSegmenter, photos: Sequence[Photo]) -> None:
