@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 VENV_ROS := .venv-ros
 
-.PHONY: demo test coverage test-slow test-ros test-pythons docs full-setup check format bench wheel-check clean
+.PHONY: demo test coverage test-slow test-ros test-pythons docs full-setup check format bench wheels wheel-check clean
 
 $(READY): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -67,6 +67,11 @@ docs: $(READY)            ## the pages and the API as a site in site/, searchabl
 
 bench: $(READY)           ## the numbers of docs/benchmarks.md
 	$(BIN)/python benchmarks/bench_pipeline.py
+
+wheels: $(READY)          ## the package and the models of the gardens, into dist/
+	rm -rf build dist
+	$(BIN)/python -m build --wheel --outdir dist .
+	$(BIN)/python -m build --wheel --outdir dist garden_assets
 
 wheel-check: $(READY)     ## build the wheel, install it in a clean environment, run the demo from it
 	rm -rf build dist

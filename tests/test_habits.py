@@ -109,3 +109,34 @@ def test_the_site_shows_every_page() -> None:
     nav = (ROOT / "mkdocs.yml").read_text()
     for page in (ROOT / "docs").rglob("*.md"):
         assert f" {page.relative_to(ROOT / 'docs').as_posix()}\n" in nav
+
+
+@pytest.mark.parametrize("workflow", sorted((ROOT / ".github/workflows").glob("*.yml")), ids=lambda p: p.stem)
+def test_workflows_call_what_is_there(workflow: Path) -> None:
+    jobs = yaml.safe_load(workflow.read_text())["jobs"]
+    runs = [step["run"] for job in jobs.values() for step in job["steps"] if "run" in step]
+    makefile = (ROOT / "Makefile").read_text()
+    assert runs
+    for run in runs:
+        program, *words = run.split()
+        if program == "make":
+            assert f"\n{words[0]}:" in makefile, run
+        elif program == "python":
+            assert (ROOT / words[0]).is_file(), run
+    versions = {
+        v for job in jobs.values() for v in job.get("strategy", {}).get("matrix", {}).get("python", [])
+    }
+    assert versions in (set(), {"3.11", "3.12", "3.13"})
+
+
+def test_release_notes_are_the_words_of_the_changelog() -> None:
+    command = [sys.executable, "tools/release_notes.py"]
+    done = subprocess.run(
+        [*command, swardmap.__version__], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip()
+    assert done.stdout.strip() in (ROOT / "CHANGELOG.md").read_text()
+    assert "## [" not in done.stdout
+    wrong = subprocess.run([*command, "9.9.9"], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert wrong.returncode == 1
+    assert f"expected the tag v{swardmap.__version__}" in wrong.stderr

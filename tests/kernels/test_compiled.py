@@ -7,7 +7,7 @@ import pytest
 from numba.core import caching
 
 from swardmap import kernels
-from swardmap.kernels.compiled import compiled, machine_code_count
+from swardmap.kernels.compiled import compiled, machine_code_count, on_first_compile
 
 
 def doubled(values: "np.ndarray[tuple[int], np.dtype[np.int64]]") -> int:
@@ -44,3 +44,17 @@ def test_new_machine_code_is_counted_once_for_each_layout() -> None:
     for values in (np.arange(4), np.arange(5), np.arange(8)[::2]):
         kernel(values)
     assert machine_code_count() == before + 2
+
+
+def test_compiling_is_told_once_and_what_is_there_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(caching.CompileResultCacheImpl, "_locator_classes", [])  # nothing is on the disk
+    told: list[str] = []
+    kernel = compiled()(doubled)
+    with on_first_compile(lambda: told.append("compiling")):
+        kernel(np.arange(3, dtype=np.int16))
+        kernel(np.arange(3, dtype=np.int8))
+    assert told == ["compiling"]
+    with on_first_compile(lambda: told.append("again")):
+        kernel(np.arange(3, dtype=np.int16))
+    kernel(np.arange(3, dtype=np.uint8))
+    assert told == ["compiling"]

@@ -3,6 +3,7 @@
 import sys
 
 import typer
+from typer.main import get_command
 
 from swardmap import __version__
 from swardmap.cli.compare import EXAMPLES as COMPARE_EXAMPLES
@@ -14,6 +15,7 @@ from swardmap.cli.doctor import doctor
 from swardmap.cli.evaluate import EXAMPLES as EVALUATE_EXAMPLES
 from swardmap.cli.evaluate import evaluate_command
 from swardmap.cli.export import export
+from swardmap.cli.help import complete
 from swardmap.cli.map import EXAMPLES as MAP_EXAMPLES
 from swardmap.cli.map import map_command
 from swardmap.cli.nav2 import EXAMPLES as NAV2_EXAMPLES
@@ -78,7 +80,7 @@ def run(arguments: list[str]) -> int:
         0 if all went well, 1 for a known error, 2 for wrong usage, 130 after Ctrl-C.
     """
     try:
-        result = app(arguments, standalone_mode=False)
+        result = complete(get_command(app)).main(arguments, prog_name="swardmap", standalone_mode=False)
     except SwardmapError as error:
         print(f"swardmap: {error}", file=sys.stderr)
         return 1

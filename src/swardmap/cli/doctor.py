@@ -4,37 +4,93 @@ import json
 import os
 import platform
 import shutil
+import sys
 import tempfile
 from collections.abc import Callable
+from dataclasses import asdict
 from importlib import import_module
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from swardmap.cli.compiling import told_when_compiling
 from swardmap.cli.options import Json
 from swardmap.errors import require
+
+if TYPE_CHECKING:
+    from swardmap.runs.speed import Speed
 
 Check = tuple[str, bool, str]
 
 
-def doctor(as_json: Json = False) -> None:
-    """Say what works on this machine: packages, kernels, model, camera, viewer, gardens, ROS.
+def doctor(
+    seconds: Annotated[
+        float, typer.Option(min=0, help="Time to measure how fast this machine maps; 0 = do not.")
+    ] = 10.0,
+    as_json: Json = False,
+) -> None:
+    """Say what works on this machine, how fast it maps, and what would make it faster.
 
     What is missing is named with the command that installs it. Exits with 1 if something that every user
     needs does not work. Example: swardmap doctor
     """
     needed = [_check(name, probe) for name, probe in NEEDED.items()]
     optional = [_check(name, probe) for name, probe in OPTIONAL.items()]
+    works = all(ok for _, ok, _ in needed)
     if as_json:
-        rows = {name: {"works": ok, "about": about} for name, ok, about in [*needed, *optional]}
+        rows: dict[str, Any] = {n: {"works": ok, "about": about} for n, ok, about in [*needed, *optional]}
+        if works and seconds:
+            speeds = measured(seconds)
+            rows["speed"] = {"measured": [asdict(s) for s in speeds], "faster": faster(speeds)}
         print(json.dumps(rows, indent=2))
     else:
         for title, checks in (("needed", needed), ("optional", optional)):
             print(f"{title}:")
             for name, ok, about in checks:
                 print(f"  {'ok ' if ok else '-- '} {name:<18} {about}")
-    if not all(ok for _, ok, _ in needed):
+        if works and seconds:
+            speeds = measured(seconds)
+            print("speed, from a 640 x 480 frame to the map, one after another:")
+            print("\n".join(f"     {line}" for line in [*map(speed_line, speeds), *faster(speeds)]))
+    if not works:
         raise typer.Exit(1)
+
+
+def measured(seconds: float) -> list["Speed"]:
+    """The speeds, with a word on what the first run of all waits for."""
+    from swardmap.runs.speed import measure_speeds
+
+    print(f"measuring for {seconds:g} s", file=sys.stderr)
+    with told_when_compiling():
+        return measure_speeds(seconds)
+
+
+def speed_line(speed: "Speed") -> str:
+    """One row of the table."""
+    on = "" if speed.provider.startswith("CPU") else f" on {speed.provider}"
+    threads = "1 thread" if speed.threads == 1 else f"{speed.threads} threads"
+    return (
+        f"{speed.frames_per_s:6.1f} frames/s, network {speed.network_ms:.0f} ms with {threads}{on}, "
+        f"map {speed.map_ms:.1f} ms"
+    )
+
+
+def faster(speeds: list["Speed"]) -> list[str]:
+    """What would make it faster, the first of the speeds being what the settings give now."""
+    now, best = speeds[0], max(speeds, key=lambda s: s.frames_per_s)
+    advice = []
+    if best.frames_per_s > 1.1 * now.frames_per_s:
+        settings = [f"--set segmenter.threads={best.threads}"] if best.threads != now.threads else []
+        settings += [f"--set segmenter.provider={best.provider}"] if best.provider != now.provider else []
+        gain = best.frames_per_s / now.frames_per_s
+        advice.append(f"faster: {' '.join(settings)} ({gain:.1f} times as fast, while nothing else runs)")
+    offered = {s.provider for s in speeds}
+    if shutil.which("nvidia-smi") and not any(p.startswith("CUDA") for p in offered):
+        advice.append("perhaps faster: pip install onnxruntime-gpu, which offers CUDAExecutionProvider")
+    elif platform.machine() in ("x86_64", "AMD64") and not any(p.startswith("OpenVINO") for p in offered):
+        advice.append("perhaps faster: pip install onnxruntime-openvino, for OpenVINOExecutionProvider")
+    return [*advice, "less to do: --set source.every=2 maps every second frame"]
 
 
 def _check(name: str, probe: Callable[[], str]) -> Check:

@@ -3,11 +3,13 @@
 import os
 import sys
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from swardmap.cli.compiling import told_when_compiling
 from swardmap.config import Config, load_config
 
 ConfigFile = Annotated[
@@ -43,8 +45,11 @@ class Progress:
         self._total, self._quiet, self._done = total, quiet, 0
         self._doing, self._did = doing, did
         self._bar: Any = None
+        self._told = ExitStack()
 
     def __enter__(self) -> Callable[[object], None]:
+        if self._doing == "mapping" and not self._quiet:
+            self._told.enter_context(told_when_compiling())
         if not self._quiet and sys.stderr.isatty():
             from rich.console import Console
             from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
@@ -57,6 +62,7 @@ class Progress:
         return self.step
 
     def __exit__(self, _: object, error: BaseException | None, __: object) -> None:
+        self._told.close()
         if self._bar is not None:
             self._bar.stop()
         if isinstance(error, KeyboardInterrupt):
