@@ -1,6 +1,7 @@
 """The house rules that a reader relies on: who imports whom, and what an import costs."""
 
 import ast
+import re
 import subprocess
 import sys
 import tomllib
@@ -32,6 +33,7 @@ MAY_IMPORT: dict[str, tuple[str, ...]] = {
     "ros": (*CORE, "kernels", "runs", "io", "models"),
 }
 """Which rooms a room may import; the command line, the package's door and `python -m` may import all."""
+SECTION = r"^(Args|Raises|Attributes):\n((?: {4}.*\n?|\n)+)"
 HEAVY = (
     "numba",
     "cv2",
@@ -146,6 +148,19 @@ def test_nothing_unpickles_or_evaluates() -> None:
                     safe = {"allow_pickle": False, "weights_only": True}
                     given = {k.arg: ast.literal_eval(k.value) for k in node.keywords if k.arg in safe}
                     assert any(given.get(key) is value for key, value in safe.items()), f"{file}: {called}"
+
+
+def test_sections_of_docstrings_are_pairs() -> None:
+    """Of a name and words: what the page of the API is made of."""
+    for file in SOURCE.rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, (ast.FunctionDef, ast.ClassDef, ast.Module)):
+                text = ast.get_docstring(node) or ""
+                for name, body in re.findall(
+                    r"^(Args|Raises|Attributes):\n((?: {4}.*\n?|\n)+)", text, re.MULTILINE
+                ):
+                    for line in re.findall(r"^ {4}(\S.*)", body, re.MULTILINE):
+                        assert re.match(r"[\w.*, ]+( \([^)]*\))?: ", line), f"{file}: {name}: {line}"
 
 
 def test_version_is_in_the_changelog() -> None:

@@ -91,7 +91,7 @@ def test_commands_have_the_options_that_are_shown(page: str) -> None:
 @each_page
 def test_settings_that_are_named_exist(page: str) -> None:
     known = settings()
-    for section, key in re.findall(rf"\b({'|'.join(known)})\.([a-z][a-z_]*)\b(?!\()", TEXTS[page]):
+    for section, key in re.findall(rf"(?<![\w.])({'|'.join(known)})\.([a-z][a-z_]*)\b(?!\()", TEXTS[page]):
         module = ROOT / "src/swardmap" / section
         named = known[section] | {"md", "py", "yaml", "png", "pgm", "npz", "jpg"}
         assert key in named or module.is_dir() or module.with_suffix(".py").is_file(), (

@@ -137,7 +137,7 @@ class ObstacleMapper:
         """Map one frame whose mask is known: what it says of its cells, into the map.
 
         Raises:
-            As `step`.
+            SwardmapError: as `step`.
         """
         self._check_clock(frame)
         T_map_camera = self._pose_of(frame)
