@@ -448,3 +448,12 @@ def test_contradictions_are_refused(
     rig = drive.rig_of(RIG) if with_rig else None
     with pytest.raises(ConfigError, match=expected):
         session_of(parameters({"source": source}, **node), rig)
+
+
+def test_a_saved_map_has_a_page(tmp_path: Path) -> None:
+    robot = one_robot()
+    robot.run([0.05 * i for i in range(30)])
+    robot.session.engine.save(tmp_path / "saved")
+    page = (tmp_path / "saved/report.html").read_text(encoding="utf-8")
+    assert 'id="map-svg"' in page
+    assert 'data-layer="grass"' in page

@@ -59,7 +59,7 @@ def write_costmap(costmap: Costmap, path: str | Path) -> Path:
     costs = stem.with_name(stem.name + "_costs.pgm")
     values = occupancy_from_costs(costmap.costs)
     # raw reads every level above 100 as unknown; this one is unknown for loaders without raw, too
-    grey = np.where(values < 0, UNKNOWN_GREY, values).astype(np.uint8)
+    grey = np.where(values < 0, np.int16(UNKNOWN_GREY), values).astype(np.uint8)
     text = description_text(image.name, "raw", costmap.spec, costmap.stamp_ns, {"costs": costs.name})
     pixels = {image: encode_pgm(grey[::-1]), costs: encode_pgm(costmap.costs[::-1])}
     write_together({**pixels, head: text.encode()})

@@ -1,0 +1,49 @@
+"""The commands of the pages by task run as they are shown, one after another, in an empty folder."""
+
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import swardmap
+
+ROOT = Path(__file__).parent.parent
+DEMO = Path(swardmap.__file__).parent / "data" / "demo"
+LAWN = """<kml xmlns="http://www.opengis.net/kml/2.2"><Document><Placemark><name>lawn</name><Polygon>
+<outerBoundaryIs><LinearRing><coordinates>16.8997,52.3998,0 16.9003,52.3998,0 16.9003,52.4002,0
+16.8997,52.4002,0 16.8997,52.3998,0</coordinates></LinearRing></outerBoundaryIs></Polygon></Placemark>
+</Document></kml>"""
+
+
+def shown_commands(page: str) -> list[str]:
+    """Every line of the console blocks of a page."""
+    text = (ROOT / page).read_text(encoding="utf-8").replace("\\\n", " ")
+    blocks = re.findall(r"```console\n(.*?)```", text, re.DOTALL)
+    return [line for block in blocks for line in block.splitlines() if line.strip()]
+
+
+def run_shown(command: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    """One line as a shell takes it; a results folder that an earlier line made may be replaced."""
+    again = " --overwrite" if " -o " in command else ""
+    program = command.replace("swardmap ", f"{shlex.quote(sys.executable)} -m swardmap ", 1) + again
+    return subprocess.run(["bash", "-c", program], cwd=folder, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_a_bag_is_mapped_as_the_page_says(tmp_path: Path) -> None:
+    made = run_shown(f"swardmap record {DEMO} -o drive.mcap", tmp_path)
+    assert made.returncode == 0, made.stderr
+    (tmp_path / "lawn.kml").write_text(LAWN)
+    commands = shown_commands("docs/tasks/map.md")
+    assert len(commands) >= 6
+    for command in commands:
+        if "lawn.kml" in command:
+            pytest.importorskip("pyproj", reason="work areas need the extra gps")
+        done = run_shown(command, tmp_path)
+        assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
+    assert (tmp_path / "my_map/report.html").stat().st_size < 20_000_000
+    assert (tmp_path / "my_map/map.yaml").is_file()
