@@ -16,6 +16,9 @@ from swardmap.viz.maps import COLOR_OF_CLASS, MARGIN_COLOR, block_max
 MAX_SIDE = 3000
 """Pixels; cells of larger maps are joined, and the gravest of each block shows."""
 
+MOST_BYTES = 6_000_000
+"""Of all layers of a map together."""
+
 INSCRIBED_COLOR: Color = (196, 84, 110)
 COST_COLOR: Color = (226, 132, 60)
 
@@ -39,14 +42,14 @@ class Layer:
     shown: bool = True
 
 
-def map_layers(grid: OccupancyGrid, costmap: Costmap | None) -> list[Layer]:
+def map_layers(grid: OccupancyGrid, costmap: Costmap | None, step: int = 1) -> list[Layer]:
     """What there is of grass, obstacles, persons and costs, from below to above; empty ones are left out.
 
     Args:
         grid: the map.
         costmap: its costs, of the same cells, or None.
+        step: cells along each side of a pixel.
     """
-    step = cells_per_pixel(grid.spec)
     classes = block_max(grid.classes, step)
     found = [
         (MapClass.GRASS, "grass"),
@@ -81,6 +84,16 @@ def _cost_parts(grid: OccupancyGrid, costmap: Costmap | None, step: int) -> dict
         ),
         "margin and keep-out": (costs == LETHAL, np.array(MARGIN_COLOR, np.uint8), 190, True),
     }  # fmt: skip
+
+
+def bounded_layers(grid: OccupancyGrid, costmap: Costmap | None) -> tuple[list[Layer], int]:
+    """The layers as fine as MAX_SIDE and MOST_BYTES allow, and the cells along each side of a pixel."""
+    step = cells_per_pixel(grid.spec)
+    layers = map_layers(grid, costmap, step)
+    while sum(len(layer.url) for layer in layers) > MOST_BYTES and step < max(grid.spec.shape):
+        step *= 2
+        layers = map_layers(grid, costmap, step)
+    return layers, step
 
 
 def cells_per_pixel(spec: GridSpec) -> int:

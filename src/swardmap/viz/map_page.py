@@ -9,12 +9,15 @@ from swardmap.grid import OccupancyGrid
 from swardmap.labels import MapClass
 from swardmap.mapping.costmap import Costmap
 from swardmap.viz.map_album import Album
-from swardmap.viz.map_layers import cells_per_pixel, map_layers
+from swardmap.viz.map_layers import bounded_layers
 from swardmap.viz.maps import bounds_of
 
 Summary = Mapping[str, Any]
 MOST_BYTES = 20_000_000
-"""Of a page; where it would become larger, every second frame is left out until it does not."""
+"""Of a page: at most 6 MB of layers, 12 MB of frames, and what is left is small."""
+
+MOST_FRAME_BYTES = 12_000_000
+"""Where frames would take more, every second one is left out until they do not."""
 
 
 def map_page(
@@ -36,7 +39,7 @@ def map_page(
         command: that made the map; None where it was made from Python.
     """
     frames = album.frames
-    while sum(len(f.photo) + len(f.mask) + len(f.depth) for f in frames) > MOST_BYTES * 0.8 and frames[1:]:
+    while sum(len(f.photo) + len(f.mask) + len(f.depth) for f in frames) > MOST_FRAME_BYTES and frames[1:]:
         frames = frames[::2]
     return render(
         "map.html",
@@ -86,12 +89,12 @@ def subtitle(summary: Summary, grid: OccupancyGrid | None) -> str:
 def map_view(grid: OccupancyGrid, costmap: Costmap | None, album: Album) -> dict[str, Any]:
     """What the page draws. SVG's y points down: it is the map's with its sign changed."""
     x_min, _, y_min, _ = grid.spec.extent_m
-    step = cells_per_pixel(grid.spec)
+    layers, step = bounded_layers(grid, costmap)
     edge = grid.spec.resolution_m * step
     low_x, high_x, low_y, high_y = bounds_of(grid, *album.way_m)
     rows, columns = (-(-n // step) for n in grid.spec.shape)
     return {
-        "layers": map_layers(grid, costmap),
+        "layers": layers,
         # whole blocks: those at the far rims may reach beyond the last cell
         "image": {"x": x_min, "y": -(y_min + rows * edge), "width": columns * edge, "height": rows * edge},
         "view": {"x": low_x, "y": -high_y, "width": high_x - low_x, "height": high_y - low_y},
@@ -109,10 +112,10 @@ def cards(summary: Summary, grid: OccupancyGrid | None) -> list[tuple[str, str, 
     counts = {c: grid.count(c) for c in MapClass}
     seen = sum(n for c, n in counts.items() if c is not MapClass.UNKNOWN)
     return [
-        (f"{seen * cell_m2:.1f} m²", "seen", f"{seen} cells"),
-        (f"{counts[MapClass.GRASS] * cell_m2:.1f} m²", "grass", f"{counts[MapClass.GRASS]} cells"),
-        (f"{counts[MapClass.OBSTACLE] * cell_m2:.2f} m²", "obstacle", f"{counts[MapClass.OBSTACLE]} cells"),
-        (f"{counts[MapClass.PERSON] * cell_m2:.2f} m²", "person", f"{counts[MapClass.PERSON]} cells"),
+        (f"{seen * cell_m2:.1f} m²", "seen", f"{seen:,} cells"),
+        (f"{counts[MapClass.GRASS] * cell_m2:.1f} m²", "grass", f"{counts[MapClass.GRASS]:,} cells"),
+        (f"{counts[MapClass.OBSTACLE] * cell_m2:.2f} m²", "obstacle", f"{counts[MapClass.OBSTACLE]:,} cells"),
+        (f"{counts[MapClass.PERSON] * cell_m2:.2f} m²", "person", f"{counts[MapClass.PERSON]:,} cells"),
     ]
 
 
