@@ -24,12 +24,11 @@ from swardmap.config import Config, GeometryConfig, SegmenterConfig
 from swardmap.eval.dmin import find_misses
 from swardmap.eval.maps import dense, frame_map, spec_of, true_segmentation
 from swardmap.geometry import Pose
-from swardmap.grid import OccupancyGrid, classify_cells
+from swardmap.grid import OccupancyGrid
 from swardmap.io import open_source
 from swardmap.labels import GRASS, GRASS_OBSTACLE_PERSON, OTHER, PERSON, MapClass
 from swardmap.models import build_segmenter
-from swardmap.perception.counting import count_compiled
-from swardmap.perception.geometric_obstacles import observe_ground
+from swardmap.pipeline import observe
 from swardmap.synth.analytic import (
     VGA,
     Box,
@@ -256,19 +255,18 @@ class Tally:
 
 def measure(views: Iterable[Shown], config: Config = CONFIG) -> dict[str, Tally]:
     """Semantics alone, geometry alone and both, over views of one case."""
-    off = replace(config, geometry=GeometryConfig())
+    off = replace(config, geometry=GeometryConfig(enabled=False))
     found = {name: Tally() for name in ("semantics", "geometry", "both")}
     for view in views:
         exact, noisy, mask = view.exact, view.noisy, view.mask
         pose = noisy.T_map_camera
         assert pose is not None
         spec = spec_of(noisy, pose, config)
-        limits, heights = dense(config).cloud, view.above_lawn
-        points, _ = count_compiled(exact, true_segmentation(exact), pose, spec, limits, heights)
-        truth = classify_cells(points, 1)
+        truth = frame_map(exact, true_segmentation(exact), pose, dense(config), spec).classes
         semantic = frame_map(noisy, mask, pose, off, spec)
         both = frame_map(noisy, mask, pose, config, spec)
-        marks = observe_ground(noisy, pose, spec, config.cloud, config.geometry, config.grid.min_points)
+        marks = observe(noisy, mask, pose, spec, config).geometry
+        assert marks is not None
         # alone it clears nothing; to compare, what was seen and not marked is taken for grass here
         alone = np.maximum(2 * marks.marks.astype(np.uint8), (both.classes > 0).astype(np.uint8))
         for name, classes in (("semantics", semantic.classes), ("geometry", alone), ("both", both.classes)):
@@ -328,14 +326,13 @@ def speed(poses: list[Pose], rounds: int) -> None:
     """Median milliseconds a VGA frame, in turn."""
     frames_of = [(view.noisy, view.mask) for view in frames(Case("garden", garden_scene(0)), poses)]
     staged = replace(CONFIG, backend="plain")
-    off = replace(CONFIG, geometry=GeometryConfig())
+    off = replace(CONFIG, geometry=GeometryConfig(enabled=False))
 
     def geometry(config: Config) -> Callable[[Frame, Segmentation], object]:
-        def run(frame: Frame, _: Segmentation) -> object:
+        def run(frame: Frame, mask: Segmentation) -> object:
             assert frame.T_map_camera is not None
             spec = spec_of(frame, frame.T_map_camera, config)
-            return observe_ground(frame, frame.T_map_camera, spec, config.cloud, config.geometry,
-                                  config.grid.min_points, config.backend == "compiled")  # fmt: skip
+            return observe(frame, mask, frame.T_map_camera, spec, config)
 
         return run
 

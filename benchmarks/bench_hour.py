@@ -148,7 +148,7 @@ class AtOnce:
         corner = np.asarray(self.spec.origin_m) + low * r
         window = GridSpec(r, counts.shape[1], counts.shape[0], (float(corner[0]), float(corner[1])))
         x, y, height = pose.position_m.tolist()
-        view = Viewpoint.of((x, y, height), window, self._config.evidence, cloud.min_height_m)
+        view = Viewpoint.of((x, y, height), height, window, self._config.evidence, cloud.min_height_m)
         grid = self._config.grid
         passed = cells_passed(counts, view, grid.min_points, grid.min_grass_points)
         block = self.cells[slice(low[1], high[1]), slice(low[0], high[0])]

@@ -26,7 +26,6 @@ from swardmap.config import CloudConfig, Config
 from swardmap.grid import GridSpec
 from swardmap.labels import GRASS_OBSTACLE_PERSON
 from swardmap.mapping.last_seen_map import LastSeenMap
-from swardmap.perception.counting import count_compiled, count_plain
 from swardmap.pipeline import ObstacleMapper, observe, view_spec
 from swardmap.synth.analytic import AnalyticSource, garden_scene, lane_poses
 from swardmap.synth.analytic_noise import StereoNoise
@@ -60,17 +59,17 @@ def spec_of(frame: Frame) -> GridSpec:
 
 def fused(frame: Frame, mask: Segmentation) -> object:
     assert frame.T_map_camera is not None
-    return count_compiled(frame, mask, frame.T_map_camera, spec_of(frame), CLOUD)
+    return observe(frame, mask, frame.T_map_camera, spec_of(frame), Config(cloud=CLOUD))
 
 
 def fused_without_filter(frame: Frame, mask: Segmentation) -> object:
     assert frame.T_map_camera is not None
-    return count_compiled(frame, mask, frame.T_map_camera, spec_of(frame), UNFILTERED)
+    return observe(frame, mask, frame.T_map_camera, spec_of(frame), Config(cloud=UNFILTERED))
 
 
 def staged(frame: Frame, mask: Segmentation) -> object:
     assert frame.T_map_camera is not None
-    return count_plain(frame, mask, frame.T_map_camera, spec_of(frame), CLOUD)
+    return observe(frame, mask, frame.T_map_camera, spec_of(frame), Config(cloud=CLOUD, backend="plain"))
 
 
 def plain_numpy(frame: Frame, mask: Segmentation) -> NDArray[np.uint8]:

@@ -14,6 +14,7 @@ from typer.main import get_command
 
 from swardmap.cli.app import app, run
 from swardmap.config import Config, SourceConfig, config_from_dict
+from swardmap.geometry import Intrinsics, Pose, deproject
 from swardmap.io import SOURCES, open_source
 from swardmap.io.files import write_bytes
 from swardmap.io.images import encode_png
@@ -135,9 +136,15 @@ def test_the_layout_shown_is_read(tmp_path: Path) -> None:
     (tmp_path / "camera.yaml").write_text(camera[1])
     (tmp_path / "poses.txt").write_text(poses[0])
     names = [line.split()[0] for line in poses[1].splitlines()]
+    place = [float(v) for v in poses[1].splitlines()[0].split()[2:]]
+    pose = Pose.from_quaternion("map", "camera", place[:3], np.array(place[3:]) / np.linalg.norm(place[3:]))
+    rays = (
+        deproject(np.ones((480, 640)), Intrinsics(640, 480, 600.0, 600.0, 319.5, 239.5)) @ pose.matrix[2, :3]
+    )
+    lawn = np.where(rays < -0.1, -place[2] / np.minimum(rays, -0.1), 0)
     for name in names:
         write_bytes(tmp_path / f"rgb/{name}.png", encode_png(np.zeros((480, 640, 3), np.uint8)))
-        write_bytes(tmp_path / f"depth/{name}.png", encode_png(np.full((480, 640), 1500, np.uint16)))
+        write_bytes(tmp_path / f"depth/{name}.png", encode_png((1000 * lawn).astype(np.uint16)))
         write_bytes(tmp_path / f"labels/{name}.png", encode_png(np.ones((480, 640), np.uint8)))
     frames = list(open_source(tmp_path, SourceConfig()))
     assert [frame.name for frame in frames] == names

@@ -120,7 +120,7 @@ def test_a_clock_that_goes_back_is_refused() -> None:
         mapper.step(first)
 
 
-def test_below_the_confidence_a_pixel_is_not_seen() -> None:
+def test_below_the_confidence_grass_clears_nothing() -> None:
     frame = next(iter(source(1)))
 
     class Unsure(Truth):
@@ -130,8 +130,11 @@ def test_below_the_confidence_a_pixel_is_not_seen() -> None:
 
     config = config_from_dict({"segmenter": {"min_confidence": 0.5}})
     step = ObstacleMapper(Unsure(), config).step(frame)
-    assert step.seen.count(MapClass.UNKNOWN) == step.seen.classes.size
-    assert step.counts.void > 1000
+    sure = ObstacleMapper(Truth()).step(frame)
+    assert sure.seen.count(MapClass.GRASS) > 100
+    assert step.seen.count(MapClass.GRASS) == 0
+    np.testing.assert_array_equal(step.seen.is_obstacle, sure.seen.is_obstacle)
+    assert step.observation.points[..., MapClass.UNKNOWN].sum() > 1000
 
 
 def test_cloud_of_a_step_lies_in_the_map_frame() -> None:

@@ -221,7 +221,10 @@ def count_points(cloud: LabeledCloud, spec: GridSpec) -> tuple[NDArray[np.uint32
 
 
 def classify_cells(
-    counts: NDArray[np.uint32], min_points: int, min_grass_points: int | None = None
+    counts: NDArray[np.uint32],
+    min_points: int,
+    min_grass_points: int | None = None,
+    clear: NDArray[np.bool_] | None = None,
 ) -> NDArray[np.uint8]:
     """Class of each cell from its point counts: grass clears, then obstacle and person mark.
 
@@ -233,13 +236,15 @@ def classify_cells(
         counts: (height, width, 4) points by MapClass.
         min_points: k of obstacles, at least 1.
         min_grass_points: k of grass; None = min_points.
+        clear: (height, width) bool, cells that may be cleared at all; None = every cell.
 
     Returns:
         (height, width) uint8 MapClass.
     """
     grass, obstacle, person = (counts[..., c] for c in (1, 2, 3))
     classes = np.full(counts.shape[:2], MapClass.UNKNOWN, np.uint8)
-    classes[grass >= (min_grass_points or min_points)] = MapClass.GRASS
+    free = grass >= (min_grass_points or min_points)
+    classes[free if clear is None else free & clear] = MapClass.GRASS
     marked = obstacle + person >= min_points
     classes[marked] = MapClass.OBSTACLE
     classes[marked & ((person >= min_points) | (person >= obstacle))] = MapClass.PERSON

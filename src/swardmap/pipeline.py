@@ -1,6 +1,6 @@
 """One frame, end to end: the paper's Sec. 3.3-3.5 in the paper's order."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from time import perf_counter
 
@@ -10,25 +10,42 @@ from numpy.typing import NDArray
 from swardmap.config import Config, MountConfig
 from swardmap.errors import ConfigError, InputError, InvalidValueError
 from swardmap.geometry import Intrinsics, Pose, mount_pose
-from swardmap.grid import GridSpec, OccupancyGrid, classify_cells
+from swardmap.grid import GridSpec, OccupancyGrid
 from swardmap.mapping.costmap import Costmap, build_costmap
 from swardmap.mapping.last_seen_map import LastSeenMap, fixed_spec
 from swardmap.mapping.log_odds_map import LogOddsMap
 from swardmap.mapping.work_area import WorkArea
+from swardmap.perception import compiled, plain
 from swardmap.perception.cloud import filtered_cloud, within_height
-from swardmap.perception.counting import count_compiled, count_plain
-from swardmap.perception.geometric_obstacles import marks_alone, observe_ground, with_marks
-from swardmap.perception.observation import Observation, PixelCounts
+from swardmap.perception.geometric_obstacles import geometric_marks, with_marks
+from swardmap.perception.ground_surface import GroundPlane, find_ground
+from swardmap.perception.observation import (
+    Observation,
+    PixelCounts,
+    may_clear,
+    pixel_counts,
+    without_doubt,
+)
+from swardmap.perception.passes import Backend, height_row
 from swardmap.segmenter import Segmenter
 from swardmap.types import Frame, LabeledCloud, Segmentation
 
+BACKENDS: Mapping[str, Backend] = {"compiled": compiled, "plain": plain}
+"""The two equal implementations of the passes over the pixels."""
+
 
 def observe(
-    frame: Frame, segmentation: Segmentation, T_map_camera: Pose, spec: GridSpec, config: Config
+    frame: Frame,
+    segmentation: Segmentation,
+    T_map_camera: Pose,
+    spec: GridSpec,
+    config: Config,
+    earlier: GroundPlane | None = None,
 ) -> Observation:
     """What one frame says of the cells of a grid: a pure function of what it is given.
 
-    Ground of this view, labelled points in cells (Eq. 1 and 2), what stands above the ground, classes.
+    Cells of the pixels (Eq. 1, 2), ground of this view, points by class at their heights above it, what
+    may be cleared, what stands above the ground.
 
     Args:
         frame: aligned images.
@@ -36,25 +53,27 @@ def observe(
         T_map_camera: pose of the camera in the grid's frame.
         spec: the grid.
         config: ranges, filters, points a cell needs, geometry, backend.
+        earlier: ground that an earlier view has shown, for a view that shows none.
     """
-    compiled, grid = config.backend == "compiled", config.grid
-    geometry = None
-    if config.geometry.enabled:
-        geometry = observe_ground(
-            frame, T_map_camera, spec, config.cloud, config.geometry, grid.min_points, compiled
-        )
-    count = count_compiled if compiled else count_plain
-    above_lawn = None if geometry is None else geometry.above_lawn
-    points, counts = count(frame, segmentation, T_map_camera, spec, config.cloud, above_lawn)
-    semantic = classify_cells(points, grid.min_points, grid.min_grass_points)
-    classes = semantic
-    if geometry is not None and not config.geometry.semantics:
-        points, classes = marks_alone(geometry.marks), np.where(geometry.marks, np.uint8(2), np.uint8(0))
-    elif geometry is not None:
-        points = with_marks(points, geometry.marks)
-        classes = np.maximum(semantic, np.where(geometry.marks, np.uint8(2), np.uint8(0)))
+    passes, rules = BACKENDS[config.backend], config.grid
+    T_grid_camera = spec.T_grid_map @ T_map_camera.of_child("camera")
     x, y, z = T_map_camera.position_m.tolist()
-    return Observation(spec, classes, points, (x, y, z), frame.stamp_ns, counts, semantic, geometry)
+    viewpoint_m = (x, y, z)
+
+    placed = passes.place(frame, T_grid_camera, spec, config)
+    ground = find_ground(placed.sums, spec, config.geometry, viewpoint_m, earlier)
+    counted = passes.count(frame, segmentation, placed, T_grid_camera, ground, spec, config)
+    clear = may_clear(counted, ground, rules.clear_below)
+    geometry = geometric_marks(counted, config.geometry) if config.geometry.enabled else None
+
+    semantic = passes.classify(counted.points, clear, rules.min_points, rules.min_grass_points)
+    points, classes = without_doubt(counted.points, clear, rules.min_points), semantic
+    if geometry is not None:
+        points, classes = with_marks(points, classes, geometry.marks, config.geometry.semantics)
+    return Observation(
+        spec, classes, points, viewpoint_m, frame.stamp_ns, pixel_counts(placed, counted), semantic, ground,
+        geometry, height_row(T_grid_camera, ground),
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,10 +107,8 @@ class StepResult:
     def cloud(self, config: Config) -> LabeledCloud:
         """The cloud the map was made of: filtered, labelled, in the map frame; for pictures and files."""
         cloud = filtered_cloud(self.frame, self.segmentation, config.cloud)
-        geometry = self.observation.geometry
-        above_lawn = None if geometry is None else geometry.above_lawn
         T_map_camera = self.T_map_camera.of_child(cloud.frame_id)
-        return within_height(cloud, T_map_camera, config.cloud, above_lawn)
+        return within_height(cloud, T_map_camera, config.cloud, self.observation.height_row)
 
 
 class ObstacleMapper:
@@ -123,6 +140,7 @@ class ObstacleMapper:
         self._map: LastSeenMap | LogOddsMap | None = log_odds
         self._area_layer: tuple[GridSpec, NDArray[np.uint8]] | None = None
         self._last_stamp_ns: int | None = None
+        self._ground: GroundPlane | None = None
 
     def step(self, frame: Frame) -> StepResult:
         """Segment one frame, and map it.
@@ -141,12 +159,14 @@ class ObstacleMapper:
         """
         self._check_clock(frame)
         T_map_camera = self._pose_of(frame)
-        segmentation = segmentation.confident(self.config.segmenter.min_confidence)
         spec = self._window(frame.intrinsics, T_map_camera)
-        seen = observe(frame, segmentation, T_map_camera, spec, self.config)
+        seen = observe(frame, segmentation, T_map_camera, spec, self.config, self._ground)
+        if seen.ground is not None and not seen.ground.carried:
+            self._ground = GroundPlane.of(seen.ground, spec, seen.viewpoint_m)
         if frame.T_map_camera is not None:
             self._map_in(T_map_camera.parent).integrate(seen)
-        return StepResult(frame, segmentation, T_map_camera, seen)
+        sure = segmentation.confident(self.config.segmenter.min_confidence)
+        return StepResult(frame, sure, T_map_camera, seen)
 
     def run(self, frames: Iterable[Frame]) -> Iterator[StepResult]:
         """Map every frame of a source, one after another, with the time that each took."""

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from swardmap.errors import FrameMismatchError, InvalidValueError
 from swardmap.geometry import Intrinsics, Pose, transform_points
-from swardmap.labels import VOID_ID, LabelSet
+from swardmap.labels import VOID_ID, LabelSet, MapClass
 
 MIN_DEPTH_UNIT_M, MAX_DEPTH_UNIT_M = 1e-6, 1.0
 """Of cameras; what lies beyond is units a metre by mistake, or does not fit into float32."""
@@ -81,11 +81,14 @@ class Segmentation:
         labels: (h, w) uint8 ids of `label_set`; void (255) where nothing is known.
         label_set: what the ids mean.
         confidence: (h, w) float32 probability of the class given, or None if the segmenter has none.
+        hazard: (h, w) uint8 P(obstacle or person) in 255ths, or None: it then follows from the label and its
+            confidence (`hazard_255`).
     """
 
     labels: NDArray[np.uint8]
     label_set: LabelSet
     confidence: NDArray[np.float32] | None = None
+    hazard: NDArray[np.uint8] | None = None
 
     def __post_init__(self) -> None:
         shape = self.labels.shape
@@ -94,13 +97,45 @@ class Segmentation:
         _check_array("segmentation: labels", self.labels, shape, (np.uint8,))
         if self.confidence is not None:
             _check_array("segmentation: confidence", self.confidence, shape, (np.float32,))
+        if self.hazard is not None:
+            _check_array("segmentation: hazard", self.hazard, shape, (np.uint8,))
+
+    @property
+    def map_classes(self) -> NDArray[np.uint8]:
+        """(h, w) uint8 MapClass of each pixel."""
+        return self.label_set.map_class_table[self.labels]
+
+    @property
+    def hazard_255(self) -> NDArray[np.uint8]:
+        """(h, w) uint8 P(obstacle or person) in 255ths, whoever says it.
+
+        Where the segmenter gives none: all of it for what is called obstacle or person; for what is called
+        grass all that its confidence leaves over, for that may be anything.
+        """
+        if self.hazard is not None:
+            return self.hazard
+        hard = np.where(self.map_classes >= MapClass.OBSTACLE, np.uint8(255), np.uint8(0))
+        if self.confidence is None:
+            return hard
+        left = 1 - np.nan_to_num(self.confidence.astype(np.float64), nan=0.0)
+        return np.maximum(hard, np.clip(np.rint(255 * left), 0, 255).astype(np.uint8))
+
+    def unsure(self, threshold: float) -> NDArray[np.bool_] | None:
+        """(h, w) bool: grass that is not called so with `threshold`; None = there is none.
+
+        Doubt never takes away what is called obstacle or person.
+        """
+        if self.confidence is None or threshold <= 0:
+            return None
+        sure = self.confidence >= np.float32(threshold)  # NaN compares false: not sure
+        return np.asarray((self.map_classes == MapClass.GRASS) & ~sure)
 
     def confident(self, threshold: float) -> "Segmentation":
-        """The same masks with every pixel below `threshold` set to void: not seen, never grass."""
-        if self.confidence is None or threshold <= 0:
+        """The same masks with every pixel of grass below `threshold` set to void: not seen, never free."""
+        unsure = self.unsure(threshold)
+        if unsure is None:
             return self
-        sure = self.confidence >= np.float32(threshold)  # NaN compares false: not sure
-        return replace(self, labels=np.where(sure, self.labels, np.uint8(VOID_ID)))
+        return replace(self, labels=np.where(unsure, np.uint8(VOID_ID), self.labels))
 
     def resized_to(self, height: int, width: int) -> "Segmentation":
         """Masks at another size: nearest neighbour by floor(i * h / height) (docs/conventions.md)."""
@@ -109,7 +144,8 @@ class Segmentation:
         rows = nearest_indices(height, self.labels.shape[0])[:, None]
         columns = nearest_indices(width, self.labels.shape[1])[None, :]
         confidence = None if self.confidence is None else self.confidence[rows, columns]
-        return Segmentation(self.labels[rows, columns], self.label_set, confidence)
+        hazard = None if self.hazard is None else self.hazard[rows, columns]
+        return Segmentation(self.labels[rows, columns], self.label_set, confidence, hazard)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

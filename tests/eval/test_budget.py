@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from swardmap.config import CloudConfig, Config, GridConfig
+from swardmap.config import CloudConfig, Config, GeometryConfig, GridConfig
 from swardmap.errors import InvalidValueError
 from swardmap.eval.budget import (
     RUNGS,
@@ -31,7 +31,7 @@ from swardmap.types import Frame, Segmentation
 
 SMALL = AnalyticSource().intrinsics.scaled_to(320, 240)
 R = 0.0625  # a power of two: whole cells stay whole in float32
-CONFIG = Config(grid=GridConfig(resolution_m=R))
+CONFIG = Config(grid=GridConfig(resolution_m=R), geometry=GeometryConfig(enabled=False))  # the mask alone
 SCENE = Scene(
     (Box((2.5, 0.4), (0.5, 0.4, 0.6)), Box((3.5, -0.8), (0.4, 0.4, 0.5))), persons=(Person((4.0, 0.8)),)
 )

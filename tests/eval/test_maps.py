@@ -21,11 +21,11 @@ from swardmap.eval.maps import (
 )
 from swardmap.eval.tally import MapTally, MissedKind, MissKind, total_of
 from swardmap.geometry import Pose
-from swardmap.grid import GridSpec, OccupancyGrid, classify_cells
+from swardmap.grid import GridSpec, OccupancyGrid
 from swardmap.io.clouds.cloud_files import read_cloud, write_pcd
 from swardmap.labels import GRASS_OBSTACLE_PERSON, MapClass
 from swardmap.perception.cloud import crop_range, label_cloud
-from swardmap.perception.counting import count_plain
+from swardmap.pipeline import observe
 from swardmap.synth.analytic import AnalyticSource, StereoNoise, garden_scene, lane_poses
 from swardmap.types import Frame, Segmentation
 
@@ -75,11 +75,11 @@ def test_the_dense_reference_is_the_plain_map_of_all_pixels() -> None:
     (frame, *_) = frames(StereoNoise())
     reference = compare_frame(frame, true_segmentation(frame), pose(frame), Config()).reference
     of_reference, _ = protocol_configs(Config(), "dense")
-    points, counts = count_plain(
-        frame, true_segmentation(frame), pose(frame), reference.spec, of_reference.cloud
+    again = observe(
+        frame, true_segmentation(frame), pose(frame), reference.spec, replace(of_reference, backend="plain")
     )
-    assert np.array_equal(classify_cells(points, 1), reference.classes)
-    assert counts.inconsistent == 0
+    assert np.array_equal(again.classes, reference.classes)
+    assert again.counts.inconsistent == 0
 
 
 def test_an_annotated_cloud_gives_the_map_of_its_pixels(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from swardmap.config import Config, EvidenceConfig, GridConfig, config_from_dict
+from swardmap.config import Config, EvidenceConfig, GeometryConfig, GridConfig, config_from_dict
 from swardmap.errors import InvalidValueError
 from swardmap.geometry import Intrinsics, Pose
 from swardmap.grid import GridSpec, OccupancyGrid, classify_cells, overlap
@@ -284,7 +284,8 @@ def test_one_frame_that_calls_an_obstacle_grass_does_not_erase_it() -> None:
 
     after: dict[str, MapClass] = {}
     for mode in ("paper", "evidence"):
-        mapper = ObstacleMapper(Mask(blind), config_of(mode))
+        alone = replace(config_of(mode), geometry=GeometryConfig(enabled=False))
+        mapper = ObstacleMapper(Mask(blind), alone)
         for i in range(12):
             mapper.step(replace(frame, stamp_ns=i))
         after[mode] = cell_at(mapper.map, 2.35, 0.0)

@@ -153,11 +153,13 @@ def test_rays_pass_low_before_the_grass_they_end_on_and_stop_at_a_hazard() -> No
 
 def test_the_low_part_of_a_ray_is_that_below_the_stated_height() -> None:
     eye = (1.0, 2.0, 0.9)
-    view = Viewpoint.of(eye, GridSpec(0.1, 4, 4, (0.5, 0.5)), CONFIG, lowest_m=0.0)
+    view = Viewpoint.of(eye, 0.9, GridSpec(0.1, 4, 4, (0.5, 0.5)), CONFIG, lowest_m=0.0)
     assert (view.x, view.y) == pytest.approx((5.0, 15.0))
     assert view.back == pytest.approx(CONFIG.ray_height_m / 0.9)
-    beneath = Viewpoint.of(eye, GridSpec(0.1, 4, 4), CONFIG, lowest_m=0.85)
+    beneath = Viewpoint.of(eye, 0.9, GridSpec(0.1, 4, 4), CONFIG, lowest_m=0.85)
     assert beneath.back == 0.0  # a camera as low as that clears nothing
+    unknown = Viewpoint.of(eye, None, GridSpec(0.1, 4, 4), CONFIG, lowest_m=0.0)
+    assert unknown.back == 0.0  # nor does one that does not know the ground
 
 
 @pytest.mark.parametrize(

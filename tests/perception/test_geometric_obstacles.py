@@ -1,21 +1,19 @@
 """Geometry beside semantics: what stands up is found, what slopes is not, and both twins agree."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from swardmap.config import CloudConfig, Config, GeometryConfig, GridConfig, config_from_dict
+from swardmap.config import CloudConfig, Config, GeometryConfig, config_from_dict
 from swardmap.errors import ConfigError
 from swardmap.eval.maps import compare_frame
-from swardmap.geometry import Intrinsics, Pose, deproject, mount_pose
+from swardmap.geometry import Pose, deproject, mount_pose
 from swardmap.grid import GridSpec, overlap
 from swardmap.labels import GRASS, GRASS_OBSTACLE_PERSON, VOID_ID, LabelSet, MapClass
-from swardmap.perception.geometric_obstacles import GroundEvidence, observe_ground, with_marks
-from swardmap.pipeline import ObstacleMapper, view_spec
+from swardmap.perception.geometric_obstacles import with_marks
+from swardmap.pipeline import ObstacleMapper, observe, view_spec
 from swardmap.synth.analytic import (
     VGA,
     Box,
@@ -56,15 +54,23 @@ def seen(scene: Scene, slope_deg: float = 0.0, roll_deg: float = 0.0, pose: Pose
     return frame.with_pose(Pose("map", "camera", turned(slope_deg, roll_deg) @ pose.matrix))
 
 
+@dataclass(frozen=True)
+class Found:
+    """What depth says of a frame to whose network all is grass."""
+
+    marks: NDArray[np.bool_]
+    holes: NDArray[np.bool_]
+    ground_m: NDArray[np.float32]
+
+
 def marks(
-    frame: Frame,
-    config: GeometryConfig = ON,
-    cloud: CloudConfig = CLOUD,
-    min_points: int = GridConfig().min_points,
-) -> GroundEvidence:
+    frame: Frame, config: GeometryConfig = ON, cloud: CloudConfig = CLOUD, min_points: int = 1
+) -> Found:
     assert frame.T_map_camera is not None
-    spec = view_spec(frame.intrinsics, frame.T_map_camera, cloud.max_range_m, 0.05)
-    return observe_ground(frame, frame.T_map_camera, spec, cloud, config, min_points)
+    settings = Config(cloud=cloud, geometry=replace(config, min_points=min_points))
+    seen = observe(frame, AllGrass()(frame), frame.T_map_camera, view_of(frame, cloud), settings)
+    assert seen.geometry is not None
+    return Found(seen.geometry.marks, seen.geometry.holes, seen.ground_m)
 
 
 def view_of(frame: Frame, cloud: CloudConfig = CLOUD) -> GridSpec:
@@ -73,7 +79,7 @@ def view_of(frame: Frame, cloud: CloudConfig = CLOUD) -> GridSpec:
     return view_spec(frame.intrinsics, frame.T_map_camera, cloud.max_range_m, 0.05)
 
 
-def found_near(evidence: GroundEvidence, spec: GridSpec, x: float, y: float, within_m: float) -> int:
+def found_near(evidence: Found, spec: GridSpec, x: float, y: float, within_m: float) -> int:
     iy, ix = np.nonzero(evidence.marks)
     centers = spec.center_of(np.stack([ix, iy], axis=1))
     return int((np.hypot(*(centers - (x, y)).T) < within_m).sum())
@@ -246,46 +252,6 @@ def test_what_hangs_high_above_the_local_ground_is_driven_under() -> None:
     assert marks(seen(roof, 10.0, pose=pose)).marks.sum() > 10
 
 
-def random_frame(rng: np.random.Generator) -> tuple[Frame, Pose]:
-    height, width = int(rng.integers(2, 60)), int(rng.integers(2, 60))
-    intrinsics = Intrinsics(width, height, rng.uniform(20, 80), rng.uniform(20, 80), width / 2, height / 2)
-    mount = mount_pose(rng.uniform(0.2, 2), rng.uniform(-5, 80), rng.uniform(-20, 20), rng.uniform(-180, 180))
-    matrix = mount.matrix.copy()
-    matrix[:2, 3] += rng.uniform(-1e5, 1e5, 2)
-    pose = Pose("map", "camera", matrix)
-    ray_x, ray_y = intrinsics.ray_tables()
-    rays = ray_x[None, :, None] * matrix[:3, 0] + ray_y[:, None, None] * matrix[:3, 1] + matrix[:3, 2]
-    with np.errstate(divide="ignore"):
-        depth = np.where(rays[..., 2] < 0, -matrix[2, 3] / rays[..., 2], 0)
-    depth = depth + rng.choice([0.0, -0.4, 0.6], depth.shape, p=[0.8, 0.1, 0.1])
-    depth += rng.normal(0, rng.choice([0, 0.01, 0.1]), depth.shape)
-    if rng.random() < 0.5:
-        metres = depth.astype(np.float32)
-        metres[rng.random(depth.shape) < 0.05] = rng.choice([np.nan, np.inf, -1.0, 0.0])
-        return Frame(7, intrinsics, np.zeros((*depth.shape, 3), np.uint8), metres), pose
-    units = np.clip(depth * 1000, 0, 65535).astype(np.uint16)
-    return Frame(7, intrinsics, np.zeros((*depth.shape, 3), np.uint8), units), pose
-
-
-@settings(max_examples=100, deadline=None)
-@given(st.integers(0, 2**32 - 1))
-def test_both_twins_agree_to_the_last_cell(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    frame, pose = random_frame(rng)
-    corner = pose.position_m[:2] - rng.uniform(0, 8, 2)
-    spec = GridSpec(float(rng.choice([0.05, 0.1, 0.37])), int(rng.integers(1, 160)),
-                    int(rng.integers(1, 160)), (corner[0], corner[1]))  # fmt: skip
-    cloud = CloudConfig(consistent_neighbours=int(rng.integers(0, 6)))
-    config = GeometryConfig(enabled=True, min_height_m=float(rng.choice([0.05, 0.12])))
-    k = int(rng.integers(1, 4))
-    fast, plain = (
-        observe_ground(frame, pose, spec, cloud, config, k, compiled) for compiled in (True, False)
-    )
-    np.testing.assert_array_equal(fast.marks, plain.marks)
-    np.testing.assert_array_equal(fast.holes, plain.holes)
-    np.testing.assert_array_equal(fast.ground_m, plain.ground_m)
-
-
 def test_the_frame_may_lie_anywhere_in_the_world() -> None:
     frame = seen(garden_scene(1), 7.0)
     assert frame.T_map_camera is not None
@@ -329,7 +295,7 @@ def test_obstacles_called_grass_end_up_in_the_map(backend: str) -> None:
 
 def test_each_kind_of_evidence_can_be_switched_off() -> None:
     frame = seen(garden_scene(0))
-    off = ObstacleMapper(AllGrass(), Config()).step(frame)
+    off = ObstacleMapper(AllGrass(), config_from_dict({"geometry": {"enabled": False}})).step(frame)
     assert off.observation.geometry is None
     assert off.observation.by_geometry is None
     assert not off.seen.is_obstacle.any()
@@ -347,17 +313,23 @@ def test_each_kind_of_evidence_can_be_switched_off() -> None:
     assert living.map.is_obstacle.any()
     assert living.map.count(MapClass.GRASS) == 0
     with pytest.raises(ConfigError, match="enabled or semantics"):
-        config_from_dict({"geometry": {"semantics": False}})
+        config_from_dict({"geometry": {"enabled": False, "semantics": False}})
 
 
 def test_points_on_a_mark_speak_for_an_obstacle_and_never_for_grass() -> None:
     points = np.array([[[0, 5, 0, 0], [0, 5, 1, 0], [0, 0, 2, 0], [0, 3, 0, 4]]], np.uint32)
+    classes = np.array([[1, 2, 2, 3]], np.uint8)
     marks = np.array([[True, True, True, True]])
-    told = with_marks(points, marks)
+    told, marked = with_marks(points, classes, marks)
     assert not told[..., MapClass.GRASS].any()
     assert (told[..., MapClass.OBSTACLE] > 1000).all()
     assert told[..., MapClass.PERSON].tolist() == [[0, 0, 0, 4]]
-    np.testing.assert_array_equal(with_marks(points, ~marks), points)
+    assert marked.tolist() == [[2, 2, 2, 3]]  # a person stays a person
+    same, unmarked = with_marks(points, classes, ~marks)
+    np.testing.assert_array_equal(same, points)
+    np.testing.assert_array_equal(unmarked, classes)
+    alone, _ = with_marks(points, classes, ~marks, semantics=False)
+    assert not alone.any()
 
 
 @pytest.mark.parametrize("slope_deg", [0.0, 10.0])
@@ -370,7 +342,7 @@ def test_both_together_miss_less_than_each_alone(slope_deg: float) -> None:
     labels = exact.labels.copy()
     labels[:, :320] = np.where(labels[:, :320] == VOID_ID, VOID_ID, GRASS.id)
     mask = Segmentation(labels, GRASS_OBSTACLE_PERSON)
-    config = Config(cloud=CLOUD)
+    config = Config(cloud=CLOUD, geometry=replace(ON, enabled=False))
     both = replace(config, geometry=ON)
     compared = [
         compare_frame(frame, mask, frame.T_map_camera, c, clean=exact.with_pose(frame.T_map_camera))
@@ -380,7 +352,7 @@ def test_both_together_miss_less_than_each_alone(slope_deg: float) -> None:
     assert len(fused.cells) < 0.4 * len(semantic.cells)
     assert fused.d_min_m(0.05).sum() < semantic.d_min_m(0.05).sum()
     truth = compared[0].reference.is_obstacle
-    alone = marks(frame).marks
+    alone = marks(frame, min_points=ON.min_points).marks
     known = compared[0].predicted.classes > 0
     assert (truth & known & ~alone).sum() > len(fused.cells)
 

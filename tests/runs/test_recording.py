@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
-from swardmap.config import Config, config_from_dict
+from swardmap.config import Config, GeometryConfig, config_from_dict
 from swardmap.errors import InputError, OutputError
 from swardmap.geometry import Intrinsics
 from swardmap.io.clouds.cloud_files import read_cloud
@@ -158,7 +158,8 @@ def test_a_frame_in_between_without_a_pose_has_a_map_of_its_own(tmp_path: Path) 
     write_folder(frames, tmp_path / "rec")
     summary = map_recording(tmp_path / "rec", tmp_path / "out", TRUTH).summary
     assert (summary["frames"], summary["frames_without_pose"]) == (3, 1)
-    assert [p.name for p in (tmp_path / "out/maps").glob("*.yaml")] == ["000001.yaml"]
+    names = sorted(p.name for p in (tmp_path / "out/maps").glob("*.yaml"))
+    assert names == ["000001.yaml", "000001_geometry.yaml", "000001_semantic.yaml"]
     assert read_map(tmp_path / "out/maps/000001.yaml").count(MapClass.GRASS) > 100
     assert summary["mount"]["source"] == "measured from the ground in frame 000001, the first without a pose"
     assert summary["mount"]["height_m"] == pytest.approx(0.9, abs=0.02)
@@ -193,7 +194,7 @@ def test_both_kinds_of_evidence_are_counted_and_written(tmp_path: Path) -> None:
         for grid, marked in zip(written, known, strict=True):
             np.testing.assert_array_equal(grid.is_obstacle, marked)
         assert (tmp_path / "out" / "frames" / f"{step.frame.name}.png").is_file()
-    plain = map_recording(source(1), None, replace(TRUTH, geometry=Config().geometry))
+    plain = map_recording(source(1), None, replace(TRUTH, geometry=GeometryConfig(enabled=False)))
     assert plain.summary["evidence_cells"] is None
 
 

@@ -82,7 +82,7 @@ class SegmenterConfig(Checked):
         "auto", "an .onnx file, or auto, colour (excess green), truth (labels of the recording)"
     )
     min_confidence: float = setting(
-        0.0, "below it a pixel is void: not seen, never grass", minimum=0, maximum=1
+        0.0, "below it a pixel of grass clears nothing; obstacles count whatever it is", minimum=0, maximum=1
     )
     threads: int = setting(0, "threads of the network; 0 = one a core, 4 at most", minimum=0)
     provider: str = setting("CPUExecutionProvider", "ONNX Runtime execution provider")

@@ -12,8 +12,8 @@ class CloudConfig(Checked):
 
     min_range_m: float = setting(0.3, "nearest depth used", minimum=0)
     max_range_m: float = setting(8.0, "farthest depth used", minimum=0)
-    min_height_m: float = setting(-0.5, "lowest point used, in the map frame")
-    max_height_m: float = setting(2.0, "highest point used; what hangs higher is driven under")
+    min_height_m: float = setting(-0.5, "lowest point used, above the ground that the view shows")
+    max_height_m: float = setting(2.0, "highest point used above it; what hangs higher is driven under")
     consistent_neighbours: int = setting(
         3, "of 8 neighbours that must have about the same depth; 0 = no filter", minimum=0, maximum=8
     )
@@ -52,6 +52,12 @@ class GridConfig(Checked):
     resolution_m: float = setting(0.05, "edge of a cell", minimum=1e-3, maximum=10)
     min_points: int = setting(1, "points of obstacle or person that mark a cell", minimum=1)
     min_grass_points: int = setting(3, "points of grass that clear a cell", minimum=1)
+    clear_below: float = setting(
+        0.1,
+        "largest mean P(obstacle or person) over a cell's points with which it is cleared",
+        minimum=0,
+        maximum=1,
+    )
     origin_m: tuple[float, float] | None = setting(
         None, "outer corner of cell (0, 0); none = grows with what is seen"
     )
@@ -74,12 +80,22 @@ class GridConfig(Checked):
 class GeometryConfig(Checked):
     """Obstacles and holes from depth alone, beside the network's classes (docs/geometry.md)."""
 
-    enabled: bool = setting(False, "mark what rises above the local ground, and holes in it")
+    enabled: bool = setting(True, "mark what rises above the local ground, and holes in it")
     semantics: bool = setting(
         True, "use the network's classes too; false: geometric marks alone, nothing is ever free"
     )
     min_height_m: float = setting(
         0.12, "lowest obstacle above the local ground: above the longest grass", minimum=0.01
+    )
+    min_points: int = setting(5, "points above (below) the ground that mark a cell", minimum=1)
+    doubt_height_m: float = setting(
+        0.05, "as high suffices for points that the network doubts too", minimum=0.01
+    )
+    doubt_above: float = setting(
+        0.2, "P(obstacle or person) from which a point counts as doubted; 1 = never", minimum=0, maximum=1
+    )
+    carry_m: float = setting(
+        5.0, "the ground of an earlier view serves so far on, where a view shows none; 0 = not", minimum=0
     )
     hole_depth_m: float = setting(0.15, "shallowest hole below the local ground", minimum=0.01)
     ground_block_m: float = setting(

@@ -15,7 +15,8 @@ from swardmap.eval.tally import RANGE_BANDS_M, MapTally, MissedKind, MissKind
 from swardmap.geometry import Pose
 from swardmap.grid import GridSpec, OccupancyGrid, classify_cells, count_points
 from swardmap.labels import MapClass
-from swardmap.perception.cloud import crop_height
+from swardmap.perception.ground_surface import find_ground
+from swardmap.perception.plain import sum_heights
 from swardmap.pipeline import observe, view_spec
 from swardmap.types import Frame, LabeledCloud, Segmentation
 
@@ -104,8 +105,13 @@ def protocol_configs(config: Config, protocol: str) -> tuple[Config, Config]:
         return dense(config), config
     if protocol == "paper":
         same = replace(config, grid=replace(config.grid, min_points=1, min_grass_points=1))
-        return replace(same, geometry=GeometryConfig()), same  # the truth is what the labels say
+        return replace(same, geometry=labels_alone(config.geometry)), same  # the truth is what the labels say
     raise InvalidValueError(f"expected a protocol of {', '.join(PROTOCOLS)}, got '{protocol}'")
+
+
+def labels_alone(geometry: GeometryConfig) -> GeometryConfig:
+    """The same ground, and no marks from depth: the truth is what the labels say."""
+    return replace(geometry, enabled=False, semantics=True)
 
 
 @lru_cache(maxsize=32)
@@ -113,7 +119,7 @@ def dense(config: Config) -> Config:
     """Every valid pixel within the limits counts, by its label: no filter, one point is enough for a cell."""
     cloud = replace(config.cloud, consistent_neighbours=0, voxel_m=0.0, outliers="none")
     one_point = replace(config.grid, min_points=1, min_grass_points=1)
-    return replace(config, cloud=cloud, grid=one_point, geometry=GeometryConfig())
+    return replace(config, cloud=cloud, grid=one_point, geometry=labels_alone(config.geometry))
 
 
 @lru_cache(maxsize=32)
@@ -141,7 +147,8 @@ def frame_map(
 def cloud_map(cloud: LabeledCloud, T_map_cloud: Pose, config: Config, spec: GridSpec) -> OccupancyGrid:
     """The reference map of an annotated cloud, as the paper makes it for real data (Sec. 4.1.2).
 
-    Every point with a label counts, within the height limits; void points say nothing.
+    Every point with a label counts, within the limits of height above the cloud's own ground; void points say
+    nothing.
 
     Args:
         cloud: from `io.cloud_files` or `io.annotation_files`.
@@ -149,10 +156,17 @@ def cloud_map(cloud: LabeledCloud, T_map_cloud: Pose, config: Config, spec: Grid
         config: of the robot; only its height limits are used.
         spec: grid of the predicted map.
     """
-    known = cloud[cloud.label_set.map_class_table[cloud.labels] != MapClass.UNKNOWN]
-    in_grid = known.transformed(spec.T_grid_map @ T_map_cloud.of_child(known.frame_id))
-    in_grid = crop_height(in_grid, config.cloud.min_height_m, config.cloud.max_height_m)
-    counts, _ = count_points(in_grid, spec)
+    in_grid = cloud.transformed(spec.T_grid_map @ T_map_cloud.of_child(cloud.frame_id))
+    ix, iy = np.floor(in_grid.xyz[:, :2] * np.float32(1.0 / spec.resolution_m)).astype(np.int32).T
+    inside = (ix >= 0) & (iy >= 0) & (ix < spec.width) & (iy < spec.height)
+    in_grid, cells = in_grid[inside], iy[inside] * spec.width + ix[inside]
+    x, y, z = T_map_cloud.position_m.tolist()
+    ground = find_ground(sum_heights(cells, in_grid.xyz[:, 2], spec), spec, config.geometry, (x, y, z))
+    z_m = np.zeros(len(cells), np.float32) if ground is None else ground.height_m(spec).ravel()[cells]
+    height_m = in_grid.xyz[:, 2] - z_m
+    named = in_grid.label_set.map_class_table[in_grid.labels] != MapClass.UNKNOWN
+    limits = config.cloud.min_height_m, config.cloud.max_height_m
+    counts, _ = count_points(in_grid[named & (height_m >= limits[0]) & (height_m <= limits[1])], spec)
     return OccupancyGrid(spec, classify_cells(counts, 1), cloud.stamp_ns)
 
 

@@ -3,7 +3,14 @@
 import numpy as np
 
 from swardmap.kernels.compiled import compiled
-from swardmap.kernels.grid import FAR_AWAY, _agreeing_row, _class_row, _depth_row
+from swardmap.kernels.passes import FAR_AWAY, agreeing_row, depth_row
+
+
+@compiled(inline="never")
+def _class_row(mask, columns, table, classes):  # type: ignore[no-untyped-def]
+    """Map class of each pixel of a row, looked up in the network's smaller mask."""
+    for u in range(classes.shape[0]):
+        classes[u] = table[mask[columns[u]]]
 
 
 @compiled()
@@ -38,15 +45,15 @@ def collect_points(  # type: ignore[no-untyped-def]
     keep = np.ones(W, np.int32)
     classes = np.zeros(W, np.int32)
     mask_row, count = -1, 0
-    _depth_row(depth[0], unit_m, near, far, z_rows[0])
+    depth_row(depth[0], unit_m, near, far, z_rows[0])
     for v in range(H):
         above, here, below = z_rows[(v + 2) % 3], z_rows[v % 3], z_rows[(v + 1) % 3]
         if v + 1 < H:
-            _depth_row(depth[v + 1], unit_m, near, far, below)
+            depth_row(depth[v + 1], unit_m, near, far, below)
         else:
             below[:] = FAR_AWAY
         if needed > 0:
-            _agreeing_row(above, here, below, relative, absolute_m, needed, keep)
+            agreeing_row(above, here, below, relative, absolute_m, needed, keep)
         if rows[v] != mask_row:
             mask_row = rows[v]
             _class_row(mask[mask_row], columns, table, classes)

@@ -23,7 +23,7 @@ class LogOddsMap:
     Args:
         grid: resolution, extent and points a sighting needs.
         evidence: sensor model and window.
-        lowest_m: lowest ground there may be, in the map frame.
+        lowest_m: lowest ground there may be, above the ground that a view shows.
         frame_id: frame of the map.
     """
 
@@ -72,7 +72,7 @@ class LogOddsMap:
         from swardmap.kernels import log_odds as kernel
 
         points, spec = seen.points, seen.spec
-        view = Viewpoint.of(seen.viewpoint_m, spec, self._evidence, self._lowest_m)
+        view = Viewpoint.of(seen.viewpoint_m, seen.camera_height_m, spec, self._evidence, self._lowest_m)
         passed = np.zeros(spec.shape, np.bool_)
         kernel.cells_passed(points, view.x, view.y, view.back, self._model[0], self._model[11], passed)
         for key, here, there in self._lattice.overlapped(spec):

@@ -67,6 +67,7 @@ class Viewpoint:
     def of(
         cls,
         viewpoint_m: tuple[float, float, float],
+        camera_height_m: float | None,
         spec: GridSpec,
         config: EvidenceConfig,
         lowest_m: float,
@@ -75,12 +76,14 @@ class Viewpoint:
 
         Args:
             viewpoint_m: (x, y, z) of the camera in the frame of the grid.
+            camera_height_m: of the camera above the ground; None = not known, and rays clear nothing.
             spec: the frame's grid.
             config: sensor model.
-            lowest_m: lowest ground there may be; the lower it is, the shorter the way that is cleared.
+            lowest_m: lowest ground there may be, above the ground seen; the lower it is, the shorter the way
+                that is cleared.
         """
-        x, y, z = viewpoint_m
-        r, above = spec.resolution_m, z - lowest_m
+        x, y, _ = viewpoint_m
+        r, above = spec.resolution_m, 0.0 if camera_height_m is None else camera_height_m - lowest_m
         back = config.ray_height_m / above if above > config.ray_height_m else 0.0
         (x0, y0) = spec.origin_m
         return cls((x - x0) / r, (y - y0) / r, config.half_confidence_m / r, back)

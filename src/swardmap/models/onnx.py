@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from swardmap.config import SegmenterConfig
 from swardmap.errors import ConfigError, ModelError
-from swardmap.labels import VOID_ID, LabelSet
+from swardmap.labels import VOID_ID, LabelSet, MapClass
 from swardmap.models import bundled_network
 from swardmap.models.spec import METADATA_KEY, NetworkSpec
 from swardmap.types import Frame, Segmentation
@@ -54,8 +54,8 @@ class OnnxSegmenter:
 
     def __call__(self, frame: Frame) -> Segmentation:
         """Classes of the frame with calibrated probabilities, at the network's size."""
-        labels, confidence = self.segment(frame.rgb)
-        return Segmentation(labels, self.spec.label_set, confidence)
+        preprocess(frame.rgb, self.spec, self._buffer)
+        return segmentation_of(self._logits_of_buffer(), self.spec)
 
     def segment(self, rgb: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], Float32Array]:
         """Class and its probability for each pixel.
@@ -107,20 +107,38 @@ def decide(logits: Float32Array, spec: NetworkSpec) -> tuple[NDArray[np.uint8], 
     Returns:
         (h, w) uint8 class ids, void where a logit is not a number, and (h, w) float32 probabilities.
     """
+    found = segmentation_of(logits, spec)
+    assert found.confidence is not None  # noqa: S101 - narrows the type
+    return found.labels, found.confidence
+
+
+def segmentation_of(logits: Float32Array, spec: NetworkSpec) -> Segmentation:
+    """Most probable class, its calibrated probability, and P(obstacle or person).
+
+    Args:
+        logits: (1, C, h, w) float32.
+        spec: of the network.
+    """
     ids = np.array(spec.channel_ids, np.uint8)
     if spec.activation == "sigmoid":
         second = logits[0, 0]
         labels = np.where(second > 0, ids[1], ids[0])
         others = np.exp(-np.abs(second) / np.float32(spec.temperature))
-        return _void_where_nan(labels, 1 / (1 + others))
+        labels, confidence = _void_where_nan(labels, 1 / (1 + others))
+        return Segmentation(labels, spec.label_set, confidence)  # of two classes one says it all
     planes = logits[0]
     best, labels = planes[0].copy(), np.full(planes.shape[1:], ids[0], np.uint8)
     for channel in range(1, len(planes)):  # numpy's argmax takes 8 times as long
         wins = planes[channel] > best
         labels[wins] = ids[channel]
         np.maximum(best, planes[channel], out=best)
-    total = np.exp((planes - best) / np.float32(spec.temperature)).sum(0)
-    return _void_where_nan(labels, 1 / total)
+    shares = np.exp((planes - best) / np.float32(spec.temperature))
+    total = shares.sum(0)
+    hazardous = spec.label_set.map_class_table[ids] >= MapClass.OBSTACLE
+    hazard = shares[hazardous].sum(0) / total
+    labels, confidence = _void_where_nan(labels, 1 / total)
+    quantised = (np.nan_to_num(hazard, nan=1.0) * np.float32(255) + np.float32(0.5)).astype(np.uint8)
+    return Segmentation(labels, spec.label_set, confidence, quantised)
 
 
 def open_segmenter(

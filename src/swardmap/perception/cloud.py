@@ -90,41 +90,28 @@ def filtered_cloud(frame: Frame, segmentation: Segmentation, config: CloudConfig
 
 
 def within_height(
-    cloud: LabeledCloud,
-    T_parent_camera: Pose,
-    config: CloudConfig,
-    above_lawn: NDArray[np.float32] | None = None,
+    cloud: LabeledCloud, T_parent_camera: Pose, config: CloudConfig, height_row: NDArray[np.float32] | None
 ) -> LabeledCloud:
-    """The points whose z or whose height above the lawn is within the limits, in the parent's frame.
+    """The points whose height above the ground's plane is within the limits, in the parent's frame.
 
     Args:
         cloud: of the camera.
         T_parent_camera: its pose, z of the parent up.
         config: the limits.
-        above_lawn: see `count_plain`.
+        height_row: of `Observation`; None = heights are z of the parent.
     """
-    lowest, highest = np.float32(config.min_height_m), np.float32(config.max_height_m)
-    moved = cloud.transformed(T_parent_camera)
-    heights = [moved.xyz[:, 2]]
-    if above_lawn is not None:
-        (a, b, c, d), (x, y, z) = above_lawn, cloud.xyz.T
-        heights.append(a * x + b * y + c * z + d)  # in the kernel's order of operations
-    return moved[np.logical_or.reduce([(h >= lowest) & (h <= highest) for h in heights])]
+    if height_row is None:
+        height_row = T_parent_camera.matrix[2].astype(np.float32)
+    (a, b, c, d), (x, y, z) = height_row, cloud.xyz.T
+    height = a * x + b * y + c * z + d
+    within = (height >= np.float32(config.min_height_m)) & (height <= np.float32(config.max_height_m))
+    return cloud[within].transformed(T_parent_camera)
 
 
 def crop_height(cloud: LabeledCloud, min_m: float, max_m: float) -> LabeledCloud:
     """Points whose z lies in [min_m, max_m]; the cloud must be in a frame whose z is up."""
     z = cloud.xyz[:, 2]
     return cloud[(z >= np.float32(min_m)) & (z <= np.float32(max_m))]
-
-
-def crop_region(
-    cloud: LabeledCloud, lower_m: tuple[float, float], upper_m: tuple[float, float]
-) -> LabeledCloud:
-    """Points whose x and y lie in the half-open rectangle [lower_m, upper_m)."""
-    x, y = cloud.xyz[:, 0], cloud.xyz[:, 1]
-    (x0, y0), (x1, y1) = np.array([lower_m, upper_m], np.float32)
-    return cloud[(x >= x0) & (x < x1) & (y >= y0) & (y < y1)]
 
 
 def voxel_downsample(cloud: LabeledCloud, voxel_m: float) -> LabeledCloud:

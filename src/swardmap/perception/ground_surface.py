@@ -18,6 +18,7 @@ LOWEST_PART_M = 0.05  # of a cell's points above its lowest is ground, where the
 STEP_CELLS = 2  # a step is looked for this many cells around
 DENT_M = 0.05  # a block this much below those around it is a hole, not the ground
 FEWEST_CELLS = 12  # less ground than that is no ground
+LOWEST_CAMERA_M = 0.03  # a plane that is not so far below the camera is not what the robot stands on
 NEAR_PLANE_M = (0.6, 0.4, 0.25, 0.2, 0.15, 0.15)  # how near to the plane counts, round by round
 
 Float32 = NDArray[np.float32]
@@ -33,23 +34,91 @@ class Ground:
         plane: (3,) float64 a, b, c of z = a x + b y + c.
         offset_m: (cells,) float32 how far the ground lies over the plane; NaN where not seen.
         floor_m: (cells,) float32 the same, lower beside a step down: what a rise is measured from.
+        carried: it is that of an earlier view.
     """
 
     plane: Float64
     offset_m: Float32
     floor_m: Float32
+    carried: bool = False
+
+    def height_m(self, spec: GridSpec) -> Float32:
+        """(height, width) float32 height of the ground in the middle of each cell; NaN = not seen."""
+        a, b, c = self.plane
+        y, x = (((np.arange(n) + 0.5) * spec.resolution_m).astype(np.float32) for n in spec.shape)
+        plane_m = np.float32(a) * x + (np.float32(b) * y + np.float32(c))[:, None]
+        return self.offset_m.reshape(spec.shape) + plane_m
 
 
-def fit_ground(sums: Sums, spec: GridSpec, config: GeometryConfig, min_points: int) -> Ground | None:
+@dataclass(frozen=True, slots=True)
+class GroundPlane:
+    """The plane of the ground that a view has shown, to serve those that show none.
+
+    Attributes:
+        slope: (dz/dx, dz/dy) in the map frame.
+        at_m: (x, y, z) of the plane under the camera that saw it.
+        frame_id: of the map.
+    """
+
+    slope: tuple[float, float]
+    at_m: tuple[float, float, float]
+    frame_id: str = "map"
+
+    @classmethod
+    def of(cls, ground: Ground, spec: GridSpec, viewpoint_m: tuple[float, float, float]) -> "GroundPlane":
+        """The plane of a frame's ground, in the map frame."""
+        a, b, c = ground.plane.tolist()
+        (x, y, _), (ox, oy) = viewpoint_m, spec.origin_m
+        return cls((a, b), (x, y, a * (x - ox) + b * (y - oy) + c), spec.frame_id)
+
+    def in_grid(self, spec: GridSpec) -> Float64:
+        """(3,) a, b, c of z = a x + b y + c in the frame `grid` of a grid in the same map."""
+        (a, b), (x, y, z), (ox, oy) = self.slope, self.at_m, spec.origin_m
+        return np.array([a, b, z + a * (ox - x) + b * (oy - y)])
+
+
+def find_ground(
+    sums: Sums,
+    spec: GridSpec,
+    config: GeometryConfig,
+    viewpoint_m: tuple[float, float, float],
+    earlier: GroundPlane | None = None,
+) -> Ground | None:
+    """The ground of a view; where it shows none, that of an earlier view nearby; None if neither is known.
+
+    Args:
+        sums: as `fit_ground` takes it.
+        spec: the grid.
+        config: how steep ground may be, and how far an earlier view serves.
+        viewpoint_m: (x, y, z) of the camera in the map frame: ground lies below it.
+        earlier: the last ground that was seen.
+    """
+    ground = fit_ground(sums, spec, config)
+    if ground is not None and _is_below(GroundPlane.of(ground, spec, viewpoint_m), viewpoint_m):
+        return ground
+    if earlier is None or earlier.frame_id != spec.frame_id or config.carry_m <= 0:
+        return None
+    x, y, _ = viewpoint_m
+    if np.hypot(x - earlier.at_m[0], y - earlier.at_m[1]) > config.carry_m:
+        return None
+    level = np.zeros(len(sums), np.float32)
+    carried = Ground(earlier.in_grid(spec), level, level, carried=True)
+    return carried if _is_below(GroundPlane.of(carried, spec, viewpoint_m), viewpoint_m) else None
+
+
+def _is_below(plane: GroundPlane, viewpoint_m: tuple[float, float, float]) -> bool:
+    return viewpoint_m[2] - plane.at_m[2] > LOWEST_CAMERA_M
+
+
+def fit_ground(sums: Sums, spec: GridSpec, config: GeometryConfig) -> Ground | None:
     """The ground under the cells that were seen, or None if too few were.
 
     Args:
         sums: (cells, 3) int64 sum of heights in 0.1 mm, points, and lowest height of each cell.
         spec: the grid.
         config: size of the blocks, and how far the ground may bend from one to the next.
-        min_points: points that a cell needs.
     """
-    seen = np.flatnonzero(sums[:, 1] >= min_points)
+    seen = np.flatnonzero(sums[:, 1])
     if len(seen) < FEWEST_CELLS:
         return None
     mean_m = sums[seen, 0] / (sums[seen, 1] * float(PER_METRE))
@@ -65,8 +134,8 @@ def fit_ground(sums: Sums, spec: GridSpec, config: GeometryConfig, min_points: i
     plane = _robust_plane(x, y, height_m, plane)
     slope = float(np.hypot(plane[0], plane[1]))
     limit = float(np.tan(np.deg2rad(config.max_slope_deg)))
-    if slope > limit:  # a wall fills the view: the map's horizon is the better guess
-        plane = np.array([0.0, 0.0, 0.0])
+    if slope > limit:  # a wall fills the view
+        return None
     sloping = plane[0] * x + plane[1] * y + plane[2]
     over = height_m - sloping
 

@@ -7,7 +7,10 @@ from numpy.typing import NDArray
 
 from swardmap.errors import InvalidValueError
 from swardmap.grid import GridSpec, OccupancyGrid
-from swardmap.perception.geometric_obstacles import GroundEvidence
+from swardmap.labels import MapClass
+from swardmap.perception.geometric_obstacles import GeometricMarks
+from swardmap.perception.ground_surface import Ground, GroundPlane
+from swardmap.perception.passes import NOT_CONSISTENT, NOT_IN_RANGE, OUTSIDE, Counted, Placed
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,12 +51,16 @@ class Observation:
     Attributes:
         spec: the grid, on the lattice of the map.
         classes: (height, width) uint8 MapClass, the standalone map of this frame.
-        points: (height, width, 4) uint32 points by MapClass that it was made of.
+        points: (height, width, 4) uint32 points by MapClass that it was made of; at UNKNOWN those that may
+            not clear, for they are in doubt or no ground is known.
         viewpoint_m: (x, y, z) of the camera in the grid's frame.
         stamp_ns: time of the frame.
         counts: what became of its pixels.
         semantic: (height, width) uint8 MapClass from the network's classes alone.
-        geometry: what depth alone says; None = switched off.
+        ground: of this view, or carried over from an earlier one; None = not known, so nothing is free.
+        geometry: what depth marks; None = switched off.
+        height_row: (4,) float32 a, b, c, d: height a x + b y + c z + d of a point of the camera above the
+            plane of the ground, or above the map's z = 0 where no ground is known.
     """
 
     spec: GridSpec
@@ -63,7 +70,9 @@ class Observation:
     stamp_ns: int
     counts: PixelCounts
     semantic: NDArray[np.uint8]
-    geometry: GroundEvidence | None = None
+    ground: Ground | None = None
+    geometry: GeometricMarks | None = None
+    height_row: NDArray[np.float32] | None = None
 
     def __post_init__(self) -> None:
         if self.classes.shape != self.spec.shape or self.points.shape != (*self.spec.shape, 4):
@@ -86,3 +95,67 @@ class Observation:
     def by_geometry(self) -> NDArray[np.bool_] | None:
         """(height, width) bool, cells that geometry alone marks; None if it is switched off."""
         return None if self.geometry is None else self.geometry.marks & (self.semantic < 2)
+
+    @property
+    def ground_m(self) -> NDArray[np.float32]:
+        """(height, width) float32 height of the ground in the grid's frame; NaN where it is not known."""
+        if self.ground is None:
+            return np.full(self.spec.shape, np.nan, np.float32)
+        return self.ground.height_m(self.spec)
+
+    @property
+    def camera_height_m(self) -> float | None:
+        """Of the camera above the ground's plane; None if no ground is known."""
+        if self.ground is None:
+            return None
+        return self.viewpoint_m[2] - GroundPlane.of(self.ground, self.spec, self.viewpoint_m).at_m[2]
+
+
+def may_clear(counted: Counted, ground: Ground | None, clear_below: float) -> NDArray[np.bool_]:
+    """(height, width) bool: cells whose points are hardly ever in doubt, where the ground is known.
+
+    Args:
+        counted: points of a frame by cell.
+        ground: of the view.
+        clear_below: largest mean P(obstacle or person).
+    """
+    if ground is None:
+        return np.zeros(counted.seen.shape, np.bool_)
+    return np.asarray(counted.doubt <= (255 * clear_below) * counted.seen.astype(np.float64))
+
+
+def without_doubt(
+    points: NDArray[np.uint32], clear: NDArray[np.bool_], min_points: int
+) -> NDArray[np.uint32]:
+    """Points in which grass that may not clear counts as unsure.
+
+    Beside an obstacle it stays grass: there it clears nothing, and says how much of the cell is obstacle.
+
+    Args:
+        points: (height, width, 4) uint32 points by MapClass.
+        clear: (height, width) bool of `may_clear`.
+        min_points: points of obstacle and person that mark a cell.
+    """
+    doubted = ~clear & (points[..., 2] + points[..., 3] < min_points)
+    told = points.copy()
+    told[doubted, MapClass.UNKNOWN] += told[doubted, MapClass.GRASS]
+    told[doubted, MapClass.GRASS] = 0
+    return told
+
+
+def pixel_counts(placed: Placed, counted: Counted) -> PixelCounts:
+    """What became of the pixels, every pixel once."""
+    cells = placed.cells
+    in_no_cell = {why: int((cells == why).sum()) for why in (NOT_IN_RANGE, NOT_CONSISTENT, OUTSIDE)}
+    left_out = sum(in_no_cell.values()) + counted.void + counted.out_of_height + counted.merged
+    return PixelCounts(
+        pixels=cells.size,
+        no_reading=placed.no_reading,
+        out_of_range=in_no_cell[NOT_IN_RANGE] - placed.no_reading,
+        inconsistent=in_no_cell[NOT_CONSISTENT],
+        void=counted.void,
+        out_of_height=counted.out_of_height,
+        outside_grid=in_no_cell[OUTSIDE],
+        merged=counted.merged,
+        used=cells.size - left_out,
+    )

@@ -45,9 +45,8 @@ def height_row(step: StepResult) -> NDArray[np.float32]:
 
     Above the ground of this view, as the map takes it; where no ground is estimated, above the map's z = 0.
     """
-    geometry = step.observation.geometry
-    above = None if geometry is None else geometry.above_lawn
-    return step.T_map_camera.matrix[2].astype(np.float32) if above is None else above
+    row = step.observation.height_row
+    return step.T_map_camera.matrix[2].astype(np.float32) if row is None else row
 
 
 def frame_points(
@@ -188,11 +187,11 @@ def _points(
 def marked_by_depth_m(step: StepResult) -> NDArray[np.float32]:
     """(N, 3) float32 in the optical frame: cells that depth alone marks, a little over the ground."""
     seen, by_depth = step.observation, step.observation.by_geometry
-    if by_depth is None or seen.geometry is None or not by_depth.any():
+    if by_depth is None or not by_depth.any():
         return np.zeros((0, 3), np.float32)
     rows, columns = np.nonzero(by_depth)
     xy = seen.spec.center_of(np.stack([columns, rows], axis=-1))
-    ground = np.nan_to_num(seen.geometry.ground_m[rows, columns])
+    ground = np.nan_to_num(seen.ground_m[rows, columns])
     xyz = np.concatenate([xy, ground[:, None] + ABOVE_GROUND_M], axis=-1)
     return step.T_map_camera.inverse().apply(xyz).astype(np.float32)
 

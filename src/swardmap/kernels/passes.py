@@ -1,0 +1,261 @@
+"""The two passes over the pixels, compiled (twins: swardmap.perception.plain).
+
+Row by row: branch-free loops that vectorise write what each pixel is; then the counters are raised. Each row
+function stays a function of its own: inlined into one body, the compiler would have to prove that too many
+arrays do not overlap, and would give up on vectors. Float32 in the order of operations of the twins.
+"""
+
+import numpy as np
+
+from swardmap.kernels.compiled import compiled
+
+FAR_AWAY = np.float32(-1e6)
+
+PER_METRE = np.float32(10000)
+"""Heights are summed as whole tenths of millimetres: sums in any order are the same to the last digit."""
+
+HIGHEST = np.int64(2**31 - 1)
+"""Lowest height of a cell without points."""
+
+NOT_IN_RANGE, NOT_CONSISTENT, OUTSIDE = np.int32(-1), np.int32(-2), np.int32(-3)
+VOID = np.uint8(4)
+
+
+@compiled(inline="never")
+def depth_row(depth, unit_m, near_m, far_m, row):  # type: ignore[no-untyped-def]
+    """One row in metres between two border pixels, FAR_AWAY where there is no reading in range."""
+    readings = 0
+    for u in range(depth.shape[0]):
+        z = np.float32(depth[u]) * unit_m
+        readings += (z > np.float32(0)) & (z < np.float32(np.inf))
+        row[u + 1] = z if (z >= near_m) & (z <= far_m) & (z > np.float32(0)) else FAR_AWAY
+    return readings
+
+
+@compiled(inline="never")
+def agreeing_row(above, here, below, relative, absolute_m, needed, keep):  # type: ignore[no-untyped-def]
+    """keep[u] = 1 if enough of the 8 neighbours have about the same depth (cloud.consistent_depth)."""
+    for u in range(keep.shape[0]):
+        z = here[u + 1]
+        t = z * relative + absolute_m
+        n = (
+            np.int32(abs(z - above[u]) <= t)
+            + np.int32(abs(z - above[u + 1]) <= t)
+            + np.int32(abs(z - above[u + 2]) <= t)
+            + np.int32(abs(z - here[u]) <= t)
+            + np.int32(abs(z - here[u + 2]) <= t)
+            + np.int32(abs(z - below[u]) <= t)
+            + np.int32(abs(z - below[u + 1]) <= t)
+            + np.int32(abs(z - below[u + 2]) <= t)
+        )
+        keep[u] = np.int32(n >= needed)
+
+
+@compiled(inline="never")
+def _place_row(z_row, ray_x, ray_y, T, per_metre, keep, width, height, cell, tenths):  # type: ignore[no-untyped-def]
+    """Cell of each pixel of a row, or why it has none, and its height: Eq. 1, the pose, Eq. 2."""
+    t00, t01, t02, t03 = T[0, 0], T[0, 1], T[0, 2], T[0, 3]
+    t10, t11, t12, t13 = T[1, 0], T[1, 1], T[1, 2], T[1, 3]
+    t20, t21, t22, t23 = T[2, 0], T[2, 1], T[2, 2], T[2, 3]
+    grid_width, n_x, n_y = np.int32(width), np.float32(width), np.float32(height)
+    zero, none = np.float32(0), np.int32(0)
+    for u in range(cell.shape[0]):
+        z = z_row[u + 1]
+        x = z * ray_x[u]
+        y = z * ray_y
+        gx = (t00 * x + t01 * y + t02 * z + t03) * per_metre
+        gy = (t10 * x + t11 * y + t12 * z + t13) * per_metre
+        up = t20 * x + t21 * y + t22 * z + t23
+        inside = (gx >= zero) & (gy >= zero) & (gx < n_x) & (gy < n_y)
+        i = np.int32(gy) * grid_width + np.int32(gx) if inside else OUTSIDE
+        i = i if keep[u] > none else NOT_CONSISTENT
+        i = i if z > zero else NOT_IN_RANGE
+        cell[u] = i
+        tenths[u] = np.int32(np.floor(up * PER_METRE)) if i >= none else none
+
+
+@compiled()
+def place(  # type: ignore[no-untyped-def]
+    depth, unit_m, ray_x, ray_y, T, limits, needed, width, height, per_metre, cells, sums
+):
+    """Cell of every pixel, and the sum of heights and number of points of every cell.
+
+    Args:
+        depth: (H, W) uint16 or float32.
+        unit_m: float32 metres per unit of depth.
+        ray_x: (W,) float32, x of K^-1 [u v 1] (Eq. 1).
+        ray_y: (H,) float32, y of the same.
+        T: (3, 4) float32 T_grid_camera.
+        limits: float32 near, far, relative, absolute (metres).
+        needed: neighbours that must agree; 0 = no filter.
+        width: of the grid in cells.
+        height: of the grid in cells.
+        per_metre: float32 cells a metre.
+        cells: (H, W) int32, written here: flat index of the cell, or why there is none.
+        sums: (width * height, 3) int64, written here: sum of heights in 0.1 mm, points, lowest height.
+
+    Returns:
+        Number of pixels with any reading.
+    """
+    H, W = depth.shape
+    near, far, relative, absolute_m = limits
+    sums[:, :2] = 0
+    sums[:, 2] = HIGHEST
+    z_rows = np.full((3, W + 2), FAR_AWAY, np.float32)
+    keep = np.ones(W, np.int32)
+    tenths = np.empty(W, np.int32)
+    readings = depth_row(depth[0], unit_m, near, far, z_rows[0])
+    for v in range(H):
+        above, here, below = z_rows[(v + 2) % 3], z_rows[v % 3], z_rows[(v + 1) % 3]
+        if v + 1 < H:
+            readings += depth_row(depth[v + 1], unit_m, near, far, below)
+        else:
+            below[:] = FAR_AWAY
+        if needed > 0:
+            agreeing_row(above, here, below, relative, absolute_m, needed, keep)
+        row = cells[v]
+        _place_row(here, ray_x, ray_y[v], T, per_metre, keep, width, height, row, tenths)
+        for u in range(W):
+            if row[u] >= 0:
+                sums[row[u], 0] += tenths[u]
+                sums[row[u], 1] += 1
+                sums[row[u], 2] = min(sums[row[u], 2], np.int64(tenths[u]))
+    return readings
+
+
+@compiled(inline="never")
+def _judge_row(depth, unit_m, ray_x, tail, up, limits, cell, code, hazard, offset_m, floor_m, known, rise):  # type: ignore[no-untyped-def]  # fmt: skip
+    """Of each pixel of a row: is it counted in its cell, and how does it stand to the ground there.
+
+    known: 1 = counted, 2 = the mask says nothing, 3 = out of height, 0 = no cell. rise: 1 above + 2 below +
+    4 a little above and doubted.
+    """
+    lowest, highest, rise_m, doubt_rise_m, hole_m, noise, doubted = limits
+    slope, start = up[0], up[3]
+    zero = np.float32(0)
+    for u in range(known.shape[0]):
+        at = max(cell[u], 0)
+        z = np.float32(depth[u]) * unit_m
+        q = slope * ray_x[u] + tail
+        over = z * q + start
+        height = over - offset_m[at]
+        named = code[u] != VOID
+        in_height = (height >= lowest) & (height <= highest)
+        k = np.int32(1) if in_height else np.int32(3)
+        k = k if named else np.int32(2)
+        known[u] = k if cell[u] >= 0 else np.int32(0)
+        noise_m = noise * (z * z) * q
+        noise_m2 = noise_m * noise_m
+        up_m, fall = over - floor_m[at], -height
+        stands = (up_m > zero) & (up_m <= highest)
+        above = stands & (up_m * up_m > rise_m * rise_m + noise_m2)
+        below = (not above) & (fall > zero) & (fall * fall > hole_m * hole_m + noise_m2)
+        raised = (
+            stands & named & (np.float32(hazard[u]) > doubted)
+            & (up_m * up_m > doubt_rise_m * doubt_rise_m + noise_m2)
+        )  # fmt: skip
+        r = np.int32(above) + np.int32(2) * np.int32(below) + np.int32(4) * np.int32(raised)
+        rise[u] = r if cell[u] >= 0 else np.int32(0)
+
+
+@compiled(inline="never")
+def _mask_row(mask, columns, out):  # type: ignore[no-untyped-def]
+    """One row of a mask at the depth image's width."""
+    for u in range(out.shape[0]):
+        out[u] = mask[columns[u]]
+
+
+@compiled()
+def count(  # type: ignore[no-untyped-def]
+    depth, unit_m, ray_x, ray_y, cells, codes, hazard, rows, columns, up, limits, grounded, offset_m, floor_m,
+    tallies, rises, reasons,
+):  # fmt: skip
+    """Count the pixels of each class in each cell, their doubt, and those off the ground.
+
+    Args:
+        depth: (H, W) uint16 or float32.
+        unit_m: float32 metres per unit of depth.
+        ray_x: (W,) float32, x of K^-1 [u v 1] (Eq. 1).
+        ray_y: (H,) float32, y of the same.
+        cells: (H, W) int32 as `place` writes it.
+        codes: (h, w) uint8 what a pixel of the mask counts as: 0..3, 4 = void.
+        hazard: (h, w) uint8 P(obstacle or person) in 255ths.
+        rows: (H,) row of the mask for each row of the depth.
+        columns: (W,) column of the mask for each column of the depth.
+        up: (4,) float32, height above the plane of the ground = z * (up . ray) + up[3].
+        limits: float32 lowest, highest, rise, doubted rise, hole, noise, doubted.
+        grounded: whether the ground is known; else nothing is above or below it.
+        offset_m: (cells,) float32 height of the ground over its plane.
+        floor_m: (cells,) float32 height over the plane that a rise is measured from.
+        tallies: (cells * 4,) uint64, written here: points, and the sum of their hazard from bit 32 on.
+        rises: (cells, 3) uint32, written here: points above, below, a little above and doubted.
+        reasons: (2,) int64, written here: pixels that are void, and out of height.
+    """
+    H, W = depth.shape
+    tallies[:] = np.uint64(0)
+    rises[:] = np.uint32(0)
+    known, rise = np.empty(W, np.int32), np.empty(W, np.int32)
+    code_row, hazard_row = np.empty(W, np.uint8), np.empty(W, np.uint8)
+    mask_row, void, beyond = -1, 0, 0
+    for v in range(H):
+        if rows[v] != mask_row:
+            mask_row = rows[v]
+            _mask_row(codes[mask_row], columns, code_row)
+            _mask_row(hazard[mask_row], columns, hazard_row)
+        tail = up[1] * ray_y[v] + up[2]
+        cell = cells[v]
+        _judge_row(
+            depth[v],
+            unit_m,
+            ray_x,
+            tail,
+            up,
+            limits,
+            cell,
+            code_row,
+            hazard_row,
+            offset_m,
+            floor_m,
+            known,
+            rise,
+        )
+        for u in range(W):
+            k = known[u]
+            if k == 1:
+                tallies[cell[u] * 4 + code_row[u]] += (np.uint64(hazard_row[u]) << np.uint64(32)) | np.uint64(
+                    1
+                )
+            elif k == 2:
+                void += 1
+            elif k == 3:
+                beyond += 1
+            if grounded and rise[u] > 0:
+                r = rise[u]
+                rises[cell[u], 0] += np.uint32(r & 1)
+                rises[cell[u], 1] += np.uint32((r >> 1) & 1)
+                rises[cell[u], 2] += np.uint32(r >> 2)
+    reasons[0], reasons[1] = void, beyond
+
+
+@compiled()
+def unpack(tallies, points, seen, doubt):  # type: ignore[no-untyped-def]
+    """Tallies of `count` as points (cells * 4,), points of any class and sum of hazard (cells,), uint32."""
+    for i in range(seen.shape[0]):
+        n, h = np.uint64(0), np.uint64(0)
+        for k in range(4):
+            tally = tallies[4 * i + k]
+            points[4 * i + k] = np.uint32(tally & np.uint64(0xFFFFFFFF))
+            n += tally & np.uint64(0xFFFFFFFF)
+            h += tally >> np.uint64(32)
+        seen[i], doubt[i] = np.uint32(n), np.uint32(h)
+
+
+@compiled()
+def classify(points, clear, min_points, min_grass_points, classes):  # type: ignore[no-untyped-def]
+    """grid.classify_cells on flat counters; writes (cells,) uint8 MapClass."""
+    for i in range(classes.shape[0]):
+        grass, obstacle, person = points[4 * i + 1], points[4 * i + 2], points[4 * i + 3]
+        c = np.uint8(1) if clear[i] & (grass >= min_grass_points) else np.uint8(0)
+        if obstacle + person >= min_points:
+            c = np.uint8(3) if (person >= min_points) | (person >= obstacle) else np.uint8(2)
+        classes[i] = c
