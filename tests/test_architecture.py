@@ -50,6 +50,7 @@ HEAVY = (
     "moderngl",
     "rerun",
     "pyproj",
+    "shapely",
 )
 
 

@@ -1,20 +1,18 @@
 """One frame, end to end: the paper's Sec. 3.3-3.5 in the paper's order."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from time import perf_counter
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swardmap.config import Config, MountConfig
 from swardmap.errors import ConfigError, InputError, InvalidValueError
 from swardmap.geometry import Intrinsics, Pose, mount_pose
 from swardmap.grid import GridSpec, OccupancyGrid
-from swardmap.mapping.costmap import Costmap, build_costmap
+from swardmap.mapping.costmap import Costmap, Layer, build_costmap, check_frames
 from swardmap.mapping.last_seen_map import LastSeenMap, fixed_spec
 from swardmap.mapping.log_odds_map import LogOddsMap
-from swardmap.mapping.work_area import WorkArea
 from swardmap.perception import compiled, plain
 from swardmap.perception.cloud import filtered_cloud, within_height
 from swardmap.perception.geometric_obstacles import geometric_marks, with_marks
@@ -121,7 +119,7 @@ class ObstacleMapper:
         segmenter: tells grass from obstacles.
         config: all settings.
         T_base_camera: mount of the camera, for frames without a pose.
-        area: work area, whose outside is kept out of in costmaps; None = everywhere is inside.
+        layers: of costmaps, beside what is seen and its inflation: a work area, a keep-out mask.
         log_odds: saved map to go on from; it is changed.
     """
 
@@ -130,15 +128,14 @@ class ObstacleMapper:
         segmenter: Segmenter,
         config: Config | None = None,
         T_base_camera: Pose | None = None,
-        area: WorkArea | None = None,
+        layers: Sequence[Layer] = (),
         log_odds: LogOddsMap | None = None,
     ) -> None:
         self.segmenter = segmenter
         self.config = config or Config()
         self.T_base_camera = T_base_camera
-        self.area = area
+        self.layers = tuple(layers)
         self._map: LastSeenMap | LogOddsMap | None = log_odds
-        self._area_layer: tuple[GridSpec, NDArray[np.uint8]] | None = None
         self._last_stamp_ns: int | None = None
         self._ground: GroundPlane | None = None
 
@@ -206,26 +203,19 @@ class ObstacleMapper:
         return self._map if isinstance(self._map, LogOddsMap) else None
 
     def costmap(self, grid: OccupancyGrid | None = None) -> Costmap | None:
-        """Costmap of `grid`, or of the accumulated map; without a pose the work area says nothing."""
+        """Costmap of `grid`, or of the accumulated map; without a pose layers of the map say nothing."""
         grid = self.map if grid is None else grid
         if grid is None:
             return None
-        placed = self.T_base_camera is None or grid.spec.frame_id != self.T_base_camera.parent
-        layer = self._layer_of_area(grid.spec) if placed else None
-        return build_costmap(grid, self.config.costmap, layer)
+        alone = self.T_base_camera is not None and grid.spec.frame_id == self.T_base_camera.parent
+        layers = [layer for layer in self.layers if not alone or layer.frame_id is None]
+        return build_costmap(grid, self.config.costmap, layers)
 
     def _map_in(self, frame_id: str) -> LastSeenMap | LogOddsMap:
         """The accumulated map, begun with the first pose."""
-        if self.area is not None:
-            self.area.check_frame(frame_id)
+        check_frames(self.layers, frame_id)
         self._map = self._map or new_map(self.config, frame_id)
         return self._map
-
-    def _layer_of_area(self, spec: GridSpec) -> NDArray[np.uint8] | None:
-        """The work area as a layer; drawn once for each extent of the map."""
-        if self.area is not None and (self._area_layer is None or self._area_layer[0] != spec):
-            self._area_layer = spec, self.area.layer(spec)
-        return None if self._area_layer is None else self._area_layer[1]
 
     def _pose_of(self, frame: Frame) -> Pose:
         if frame.T_map_camera is not None:

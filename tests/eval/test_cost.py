@@ -9,9 +9,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from swardmap.errors import InputError, InvalidValueError
-from swardmap.eval.cost import inside_polygon, reachable_areas, read_work_area, squared_distance
+from swardmap.eval.cost import reachable_areas, squared_distance
 from swardmap.grid import GridSpec, OccupancyGrid
+from swardmap.io.maps.area_files import read_metric_area
 from swardmap.labels import MapClass
+from swardmap.mapping.polygons import cells_inside
 
 R = 0.1
 EVERYTHING = [(-1, -1), (100, -1), (100, 100), (-1, 100)]
@@ -93,7 +95,7 @@ def test_a_polygon_is_that_of_a_half_plane_test_for_triangles(seed: int) -> None
 
     sides = np.stack((side(a, b), side(b, c), side(c, a)))
     expected = (sides > 0).all(axis=0) | (sides < 0).all(axis=0)
-    assert np.array_equal(inside_polygon(spec, corners), expected)
+    assert np.array_equal(cells_inside(spec, corners), expected)
 
 
 @given(st.integers(0, 2**32))
@@ -112,7 +114,7 @@ def test_squared_distances_are_exact(seed: int) -> None:
 def test_work_area_file(tmp_path: Path) -> None:
     file = tmp_path / "area.yaml"
     file.write_text("polygon_m: [[0, 0], [4, 0], [4, 3.5]]\n")
-    assert read_work_area(file).tolist() == [[0, 0], [4, 0], [4, 3.5]]
+    assert read_metric_area(file).polygons[0].rings[0].tolist() == [[0, 0], [4, 0], [4, 3.5]]
     for text in (
         "",
         "polygon_m: [[0, 0], [1, 1]]",
@@ -122,11 +124,11 @@ def test_work_area_file(tmp_path: Path) -> None:
     ):
         file.write_text(text)
         with pytest.raises(InputError, match=r"area\.yaml"):
-            read_work_area(file)
+            read_metric_area(file)
     grid = OccupancyGrid.unknown(GridSpec(R, 5, 5))
     with pytest.raises(InvalidValueError, match="positive width"):
         reachable_areas(grid, EVERYTHING, 0, [0])
-    with pytest.raises(InvalidValueError, match="three corners"):
+    with pytest.raises(InvalidValueError, match="three finite corners"):
         reachable_areas(grid, [(0, 0)], 1, [0])
     with pytest.raises(InvalidValueError, match="point of the map"):
         reachable_areas(grid, EVERYTHING, 1, [0], start_m=(9, 9))

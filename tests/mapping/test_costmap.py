@@ -17,7 +17,6 @@ from swardmap.labels import MapClass
 from swardmap.mapping.costmap import (
     LETHAL,
     NO_INFORMATION,
-    boundary_layer,
     build_costmap,
     combine,
     cost_of_squared_distance,
@@ -25,7 +24,6 @@ from swardmap.mapping.costmap import (
     inflate,
     occupancy_from_costs,
     squared_distances,
-    static_layer_costs,
 )
 
 occupied_arrays = arrays(np.bool_, st.tuples(st.integers(1, 24), st.integers(1, 24)))
@@ -133,12 +131,19 @@ def test_costs_to_occupancy_as_nav2_publishes_them() -> None:
     assert occupancy_from_costs(given_costs).tolist() == [0, 19, 49, 50, 97, 98, 99, 100, -1]
 
 
+def static_layer_costs(values: np.ndarray, trinary: bool = True) -> np.ndarray:
+    """StaticLayer::interpretValue of nav2_costmap_2d, with track_unknown_space."""
+    between = np.zeros(101) if trinary else np.trunc(np.arange(101) / 100 * LETHAL)
+    between[99], between[100] = 253, LETHAL
+    table: np.ndarray = np.append(between, NO_INFORMATION).astype(np.uint8)
+    return np.asarray(table[values])
+
+
 def test_both_rules_from_occupancy_to_costs() -> None:
     values = np.array([-1, 0, 10, 20, 30, 40, 50, 60, 70, 80, 90, 100], np.int8)
     constructor = [255, 0, 25, 51, 76, 102, 127, 152, 178, 203, 229, 254]
     assert costs_from_occupancy(values).tolist() == constructor
     assert static_layer_costs(values).tolist() == [255] + [0] * 10 + [254]
-    assert static_layer_costs(np.array([99, -1], np.int8), track_unknown=False).tolist() == [253, 0]
     scaled = static_layer_costs(np.array([10, 50, 98, 99, 100], np.int8), trinary=False)
     assert scaled.tolist() == [25, 127, 248, 253, 254]
     with pytest.raises(InvalidValueError, match=r"-1\.\.100"):
@@ -153,57 +158,9 @@ def test_combination_rules() -> None:
     assert combine(below, above, "max_keep_unknown").tolist() == [50, 100, 255, 254, 0, 255]
 
 
-@settings(max_examples=60)
-@given(st.lists(st.tuples(st.integers(-2, 12), st.integers(-2, 12)), min_size=3, max_size=7, unique=True))
-def test_boundary_agrees_with_opencv_away_from_the_edge(corners: list[tuple[int, int]]) -> None:
-    import cv2
-
-    polygon = np.array(corners, np.float32)
-    if not np.isfinite(cv2.contourArea(polygon)) or _crosses_itself(corners):
-        return
-    spec = GridSpec(0.37, 40, 40, (-2.03, -2.07))
-    layer = boundary_layer(spec, polygon)
-    for iy in range(0, 40, 3):
-        for ix in range(0, 40, 3):
-            x, y = spec.center_of([ix, iy])
-            distance = cv2.pointPolygonTest(polygon.reshape(-1, 1, 2), (float(x), float(y)), True)
-            if abs(distance) > 1e-3:
-                assert (layer[iy, ix] == 0) == (distance > 0)
-
-
-def _crosses_itself(corners: list[tuple[int, int]]) -> bool:
-    def side(a: tuple[int, int], b: tuple[int, int], c: tuple[int, int]) -> int:
-        return int(np.sign((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])))
-
-    edges = list(zip(corners, corners[1:] + corners[:1], strict=True))
-    for i, (a, b) in enumerate(edges):
-        for c, d in edges[i + 1 :]:
-            sides = side(a, b, c), side(a, b, d), side(c, d, a), side(c, d, b)
-            if 0 in sides and len({a, b, c, d}) == 4:
-                return True
-            if len({a, b, c, d}) < 4 and sides.count(0) > 2:
-                return True
-            if 0 not in sides and sides[0] != sides[1] and sides[2] != sides[3]:
-                return True
-    return False
-
-
-def test_bad_boundaries_and_radii_are_refused() -> None:
-    spec = GridSpec(0.1, 5, 5)
-    too_few, not_finite = np.zeros((2, 2)), np.array([[0, 0], [1, np.nan], [2, 2]])
-    for polygon in (too_few, not_finite, np.zeros(3)):
-        with pytest.raises(InvalidValueError, match="three finite corners"):
-            boundary_layer(spec, polygon)
+def test_bad_radii_are_refused() -> None:
     with pytest.raises(ConfigError, match="inscribed_radius_m"):
         CostmapConfig(inscribed_radius_m=1.0, inflation_radius_m=0.5)
-
-
-def test_boundary_is_lethal_outside() -> None:
-    grid = OccupancyGrid(GridSpec(1.0, 6, 6), np.full((6, 6), MapClass.GRASS, np.uint8))
-    layer = boundary_layer(grid.spec, [[1, 1], [5, 1], [5, 5], [1, 5]])
-    assert int((layer == 0).sum()) == 16
-    config = CostmapConfig(inscribed_radius_m=0.5, inflation_radius_m=0.5)
-    assert (build_costmap(grid, config, layer).costs[0] == LETHAL).all()
 
 
 def nav2_inflation(costs: np.ndarray, resolution_m: float, config: CostmapConfig) -> np.ndarray:

@@ -1,10 +1,12 @@
 """The work area: metres against geodesics, east and north against closed forms, cells against OpenCV."""
 
 import math
+import time
 
 import cv2
 import numpy as np
 import pytest
+import shapely
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -22,7 +24,6 @@ from swardmap.mapping.work_area import (
     checked_ring,
     first_crossing,
     projected,
-    signed_area,
 )
 
 pyproj = pytest.importorskip("pyproj")
@@ -147,7 +148,7 @@ def test_cells_agree_with_opencv_away_from_the_edge(seed: int) -> None:
     spec = GridSpec(0.25, 40, 32, (-5.0, -4.0))
     outer, hole = blob(rng, (0, 0), 4.5), blob(rng, (0.2, 0.1), 1.0)
     for ring in (outer, hole):
-        assume(abs(signed_area(ring)) > 0.01)
+        assume(shapely.Polygon(ring).area > 0.01)
         assume(np.abs(np.diff(ring, axis=0)).max(axis=1).min() > 1e-3)
     polygon = Polygon(Role.BOUNDARY, (outer, hole))
     covered = polygon.covers(spec)
@@ -183,7 +184,7 @@ def test_kept_out_cells_are_lethal_and_the_inside_stays_as_it_was() -> None:
     classes[80, 90] = MapClass.OBSTACLE
     config = CostmapConfig(inscribed_radius_m=0.2, inflation_radius_m=0.2, margin_m=0.4)
     grid = OccupancyGrid(SPEC, classes)
-    without, costs = build_costmap(grid, config).costs, build_costmap(grid, config, area.layer(SPEC)).costs
+    without, costs = build_costmap(grid, config).costs, build_costmap(grid, config, [area]).costs
     out = area.keep_out(SPEC)
     assert (costs[out] == LETHAL).all()
     assert (costs >= np.where(without == NO_INFORMATION, 0, without)).all()
@@ -201,7 +202,7 @@ def test_a_price_on_the_outside_never_makes_unknown_drivable(cost: int) -> None:
     area = WorkArea((Polygon(Role.BOUNDARY, (SQUARE,)),), cost=cost)
     classes = np.zeros(SPEC.shape, np.uint8)
     classes[::2] = MapClass.GRASS
-    costs = build_costmap(OccupancyGrid(SPEC, classes), CostmapConfig(), area.layer(SPEC)).costs
+    costs = build_costmap(OccupancyGrid(SPEC, classes), CostmapConfig(), [area]).costs
     assert (costs[1::2] == NO_INFORMATION).all()
     assert (costs[::2][area.keep_out(SPEC)[::2]] == cost).all()
 
@@ -262,3 +263,36 @@ def test_a_field_across_the_date_line_is_one_field() -> None:
     assert ring[:, 0].min() < -179.9 < 179.9 < ring[:, 0].max()
     area = projected((Polygon(Role.BOUNDARY, (ring,)),), AreaConfig(datum_lat=-17.0, datum_lon=179.9999))
     np.testing.assert_allclose(area.polygons[0].rings[0], SQUARE * 10, atol=1e-4)
+
+
+def test_rings_of_as_many_corners_as_there_may_be_take_no_minutes() -> None:
+    angles = np.linspace(0, 2 * np.pi, 9_900, endpoint=False)
+    radii = 5 + 0.02 * np.sin(900 * angles)
+    ring = np.stack([radii * np.cos(angles), radii * np.sin(angles)], axis=-1)
+    twisted = ring.copy()
+    twisted[[4000, 6000]] = twisted[[6000, 4000]]
+    started = time.perf_counter()
+    area = WorkArea(tuple(Polygon(Role.BOUNDARY, (ring + i,)) for i in range(20)))
+    area.keep_out(SPEC)
+    with pytest.raises(InvalidValueError, match="crosses itself: the edge after corner 3999"):
+        checked_ring(twisted, "boundary")
+    assert time.perf_counter() - started < 5
+
+
+def test_a_hole_drawn_as_a_keyhole_only_touches_itself() -> None:
+    keyhole = [
+        (0, 0),
+        (10, 0),
+        (10, 10),
+        (0, 10),
+        (0, 5),
+        (4, 5),
+        (4, 6),
+        (6, 6),
+        (6, 4),
+        (4, 4),
+        (4, 5),
+        (0, 5),
+    ]
+    covered = Polygon(Role.BOUNDARY, (np.array(keyhole, np.float64),)).covers(SPEC)
+    assert covered.sum() * 0.1**2 == pytest.approx(100 - 4)

@@ -5,6 +5,9 @@ from dataclasses import dataclass
 from swardmap.config.settings import Checked, setting
 from swardmap.errors import ConfigError
 
+YAML_SUFFIXES = (".yaml", ".yml")
+"""Of files in metres of the map, which need no datum."""
+
 
 @dataclass(frozen=True)
 class CostmapConfig(Checked):
@@ -32,9 +35,19 @@ class CostmapConfig(Checked):
 
 @dataclass(frozen=True)
 class AreaConfig(Checked):
-    """The work area in GPS coordinates (docs/work_area.md)."""
+    """Where to work, and where not (docs/work_area.md)."""
 
-    file: str | None = setting(None, "GeoJSON or KML with the boundary and exclusion zones; none = no area")
+    file: str | None = setting(
+        None,
+        "GeoJSON or KML with the boundary and exclusion zones, or YAML with polygon_m in metres of the map; "
+        "none = no area",
+    )
+    mask: str | None = setting(
+        None, "map (YAML) whose occupied cells are kept out of, as Nav2's KeepoutFilter; none = no mask"
+    )
+    mask_beyond: int = setting(
+        0, "cost outside of the mask's image: 0 says nothing, 254 is lethal", minimum=0, maximum=254
+    )
     datum_lat: float | None = setting(
         None, "latitude in degrees of the map's origin (WGS84)", minimum=-90, maximum=90
     )
@@ -60,7 +73,8 @@ class AreaConfig(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.file is not None and (self.datum_lat is None or self.datum_lon is None):
+        metric = self.file is None or self.file.lower().endswith(YAML_SUFFIXES)
+        if not metric and (self.datum_lat is None or self.datum_lon is None):
             raise ConfigError(
                 "area: expected datum_lat and datum_lon beside file: where is the map's origin?"
             )

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from swardmap.errors import InputError, InvalidValueError
+from swardmap.errors import InvalidValueError
 from swardmap.grid import GridSpec, OccupancyGrid
 from swardmap.labels import MapClass
+from swardmap.mapping.polygons import cells_inside
 
 EIGHT = np.ones((3, 3), np.bool_)
 
@@ -58,7 +59,7 @@ def reachable_areas(
     if not (np.isfinite(mower_width_m) and mower_width_m > 0):
         raise InvalidValueError(f"mower: expected a positive width in metres, got {mower_width_m}")
     r = grid.spec.resolution_m
-    grass = (grid.classes == MapClass.GRASS) & inside_polygon(grid.spec, polygon_m)
+    grass = (grid.classes == MapClass.GRASS) & cells_inside(grid.spec, polygon_m)
     to_obstacle = squared_distance(grid.is_obstacle)
     points = []
     for margin_m in margins_m:
@@ -67,29 +68,6 @@ def reachable_areas(
         total = int(np.count_nonzero(grass))
         points.append(AreaPoint(float(margin_m), count * r * r, count / total if total else None))
     return points
-
-
-def inside_polygon(spec: GridSpec, polygon_m: ArrayLike) -> NDArray[np.bool_]:
-    """(height, width) bool: cells whose centre lies in a polygon (even-odd rule).
-
-    Raises:
-        InvalidValueError: if it has fewer than three corners, or one that is not finite.
-    """
-    corners = np.asarray(polygon_m, np.float64)
-    if corners.ndim != 2 or corners.shape[1:] != (2,) or len(corners) < 3 or not np.isfinite(corners).all():
-        raise InvalidValueError(
-            f"work area: expected at least three corners (x, y), got an array of shape {corners.shape}"
-        )
-    x = spec.center_of(np.stack((np.arange(spec.width), np.zeros(spec.width)), axis=1))[:, 0]
-    y = spec.center_of(np.stack((np.zeros(spec.height), np.arange(spec.height)), axis=1))[:, 1]
-    inside = np.zeros(spec.shape, np.bool_)
-    for (x0, y0), (x1, y1) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-        rows = (y0 > y) != (y1 > y)
-        if not rows.any():
-            continue
-        crossing = x0 + (y[rows] - y0) * (x1 - x0) / (y1 - y0)
-        inside[rows] ^= x[None, :] < crossing[:, None]
-    return inside
 
 
 def squared_distance(cells: NDArray[np.bool_]) -> NDArray[np.int64]:
@@ -105,28 +83,6 @@ def squared_distance(cells: NDArray[np.bool_]) -> NDArray[np.int64]:
     dy, dx = (nearest[axis].astype(np.int64) - np.indices(cells.shape)[axis] for axis in (0, 1))
     squared: NDArray[np.int64] = dx * dx + dy * dy
     return squared
-
-
-def read_work_area(path: str | Path) -> NDArray[np.float64]:
-    """Corners of a work area from a YAML file: `polygon_m: [[x, y], ...]` in the map's frame.
-
-    Raises:
-        InputError: if it is no such file.
-    """
-    import yaml
-
-    from swardmap.io.files import read_bytes
-
-    try:
-        tree = yaml.safe_load(read_bytes(path, limit=10_000_000))
-        corners = np.asarray(tree["polygon_m"], np.float64)
-    except (yaml.YAMLError, UnicodeDecodeError, TypeError, KeyError, ValueError) as error:
-        raise InputError(
-            f"{path}: expected 'polygon_m: [[x, y], ...]' in metres, got something else"
-        ) from error
-    if corners.ndim != 2 or corners.shape[1:] != (2,) or len(corners) < 3 or not np.isfinite(corners).all():
-        raise InputError(f"{path}: expected at least three corners [x, y] in polygon_m")
-    return corners
 
 
 def _start_cell(spec: GridSpec, start_m: Sequence[float] | None) -> tuple[int, int] | None:
@@ -173,12 +129,13 @@ def margin_cost(
     """
     if map_file is None:
         return None
+    from swardmap.io.maps.area_files import read_metric_area
     from swardmap.io.maps.map_files import read_map
 
     grid = read_map(map_file)
     x0, x1, y0, y1 = grid.spec.extent_m
     whole = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)])
-    polygon = whole if work_area is None else read_work_area(work_area)
+    polygon = whole if work_area is None else read_metric_area(work_area).polygons[0].rings[0]
     proven = results["margin"]["margin_m"]
     margins = sorted({round(0.05 * i, 2) for i in range(21)} | ({proven} if proven is not None else set()))
     curve = results["margin"]["curve"]

@@ -1,15 +1,16 @@
-"""Costs for Nav2: layers, how they combine, inflation by the measured margin, and Nav2's tables.
+"""Costs for Nav2: a list of layers, how they combine, inflation by the measured margin, and Nav2's tables.
 
-Values are those of nav2_costmap_2d: 0 free, 1..252 scaled, 253 inscribed, 254 lethal, 255 unknown.
+Values are those of nav2_costmap_2d: 0 free, 1..252 scaled, 253 inscribed, 254 lethal, 255 unknown. Which
+layers a configuration asks for says `swardmap.io.maps.costmap_layers`.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from swardmap.config import CostmapConfig
 from swardmap.errors import InvalidValueError
@@ -46,29 +47,80 @@ class Costmap:
             )
 
 
-def build_costmap(
-    grid: OccupancyGrid, config: CostmapConfig, boundary: NDArray[np.uint8] | None = None
-) -> Costmap:
-    """The costmap of a grid: obstacle layer, boundary layer, inflation by margin and radius.
+class Layer(Protocol):
+    """One layer of a costmap: takes the costs so far, as Nav2's `updateCosts` does, and gives new ones."""
+
+    @property
+    def frame_id(self) -> str | None:
+        """Frame it is drawn in; None = whatever the grid's is."""
+
+    def apply(self, costs: NDArray[np.uint8], grid: OccupancyGrid) -> NDArray[np.uint8]:
+        """(height, width) uint8 costs with this layer in them; `costs` is not changed."""
+
+
+@dataclass(frozen=True, slots=True)
+class ObstacleLayer:
+    """What was seen: grass free, obstacle and person lethal, unknown without information."""
+
+    frame_id: None = None
+
+    def apply(self, costs: NDArray[np.uint8], grid: OccupancyGrid) -> NDArray[np.uint8]:
+        """The costs of the cells' classes, over what was there."""
+        return combine(costs, COST_OF_CLASS[grid.classes], "overwrite")
+
+
+@dataclass(frozen=True, slots=True)
+class InflationLayer:
+    """Obstacles grown by the margin, then costs that fall off; what no camera measured has no margin.
+
+    Attributes:
+        config: margins, radii, decay.
+    """
+
+    config: CostmapConfig
+    frame_id: None = None
+
+    def apply(self, costs: NDArray[np.uint8], grid: OccupancyGrid) -> NDArray[np.uint8]:
+        """The costs around all that is lethal."""
+        for seeds, margin_m in _seeds_by_margin(grid, costs == LETHAL, self.config):
+            costs = inflate(costs, grid.spec, self.config, margin_m, seeds)
+        return costs
+
+
+def build_costmap(grid: OccupancyGrid, config: CostmapConfig, layers: Sequence[Layer] = ()) -> Costmap:
+    """The costmap of a grid: what was seen, then `layers`, then margin and inflation around all of it.
 
     Args:
         grid: the map.
         config: margins, radii, decay.
-        boundary: (height, width) uint8 costs of `boundary_layer` or of a work area, or None. Free in it
-            says nothing; what is lethal is inflated without a margin.
+        layers: between them, such as a work area.
 
     Returns:
         The costmap; unknown stays unknown unless something lethal or inscribed reaches it.
     """
-    costs = obstacle_layer(grid)
-    if boundary is not None:
-        barred = np.where(boundary >= INSCRIBED, boundary, np.uint8(NO_INFORMATION))
-        dear = np.where((boundary > FREE) & (boundary < INSCRIBED), boundary, np.uint8(NO_INFORMATION))
-        # where the boundary is FREE it says nothing, and what may be driven on at a price must be known
-        costs = combine(combine(costs, barred, "max"), dear, "max_keep_unknown")
-    for seeds, margin_m in _seeds_by_margin(grid, costs == LETHAL, config):
-        costs = inflate(costs, grid.spec, config, margin_m, seeds)
+    return layered_costmap(grid, (ObstacleLayer(), *layers, InflationLayer(config)))
+
+
+def layered_costmap(grid: OccupancyGrid, layers: Iterable[Layer]) -> Costmap:
+    """The costmap of a grid by a list of layers, the lowest first; nothing is known below the first."""
+    costs = np.full(grid.spec.shape, NO_INFORMATION, np.uint8)
+    for layer in layers:
+        costs = layer.apply(costs, grid)
     return Costmap(grid.spec, costs, grid.stamp_ns)
+
+
+def check_frames(layers: Iterable[Layer], frame_id: str) -> None:
+    """Hold that poses or a grid are in the frame that layers are drawn in.
+
+    Raises:
+        InvalidValueError: if not.
+    """
+    for layer in layers:
+        if layer.frame_id not in (None, frame_id):
+            raise InvalidValueError(
+                f"the work area is in the frame '{layer.frame_id}', the map in '{frame_id}': "
+                "set area.frame_id to the frame whose origin the datum is"
+            )
 
 
 def _seeds_by_margin(
@@ -85,34 +137,19 @@ def _seeds_by_margin(
     return [(cells, margin_m) for margin_m, cells in merged.items()]
 
 
-def obstacle_layer(grid: OccupancyGrid) -> NDArray[np.uint8]:
-    """(height, width) uint8: grass free, obstacle and person lethal, unknown without information."""
-    return COST_OF_CLASS[grid.classes]
+def restrict(costs: NDArray[np.uint8], zone: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Put the costs of a zone over what was seen; where it is free or unknown it says nothing.
 
-
-def boundary_layer(spec: GridSpec, polygon_m: ArrayLike) -> NDArray[np.uint8]:
-    """The edge of the work area: cells whose centre lies outside the polygon are lethal.
+    What may not be entered is so on unknown ground too; what may be entered at a price must be known.
 
     Args:
-        spec: the grid.
-        polygon_m: (N, 2) corners in the grid's frame, in order; the last joins the first.
-
-    Returns:
-        (height, width) uint8, 0 inside, 254 outside. Even-odd rule, so that holes can be cut.
+        costs: (height, width) uint8 costs so far.
+        zone: (height, width) uint8.
     """
-    corners = np.asarray(polygon_m, np.float64)
-    if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3 or not np.isfinite(corners).all():
-        raise InvalidValueError(
-            f"boundary: expected at least three finite corners (N, 2), got shape {corners.shape}"
-        )
-    xs = spec.center_of(np.stack([np.arange(spec.width), np.zeros(spec.width)], axis=-1))[:, 0]
-    ys = spec.center_of(np.stack([np.zeros(spec.height), np.arange(spec.height)], axis=-1))[:, 1]
-    inside = np.zeros(spec.shape, bool)
-    for (x0, y0), (x1, y1) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-        rows = np.flatnonzero((ys >= min(y0, y1)) & (ys < max(y0, y1)))
-        crossings = x0 + (ys[rows] - y0) * ((x1 - x0) / (y1 - y0)) if len(rows) else ys[rows]
-        inside[rows] ^= xs[None, :] < crossings[:, None]
-    return np.where(inside, FREE, LETHAL).astype(np.uint8)
+    says_nothing = np.uint8(NO_INFORMATION)
+    forbidden = np.where(zone >= INSCRIBED, zone, says_nothing)
+    priced = np.where((zone > FREE) & (zone < INSCRIBED), zone, says_nothing)
+    return combine(combine(costs, forbidden, "max"), priced, "max_keep_unknown")
 
 
 def combine(
@@ -232,22 +269,6 @@ def costs_from_occupancy(values: NDArray[np.int8]) -> NDArray[np.uint8]:
         InvalidValueError: for values outside -1..100.
     """
     return _occupancy_table(np.floor(np.arange(101) * LETHAL / 100 + 0.5))[_checked(values)]
-
-
-def static_layer_costs(
-    values: NDArray[np.int8], track_unknown: bool = True, trinary: bool = True
-) -> NDArray[np.uint8]:
-    """Costs of nav_msgs/OccupancyGrid values by the rule of Nav2's static layer (interpretValue).
-
-    Args:
-        values: (height, width) int8, -1..100.
-        track_unknown: False makes unknown free, as Nav2 does when told so.
-        trinary: Nav2's trinary_costmap: everything below 99 is free.
-    """
-    between = np.zeros(101) if trinary else np.trunc(np.arange(101) / 100 * LETHAL)
-    table = _occupancy_table(between)
-    table[99], table[100], table[-1] = INSCRIBED, LETHAL, NO_INFORMATION if track_unknown else FREE
-    return table[_checked(values)]
 
 
 def _occupancy_table(known: NDArray[np.float64]) -> NDArray[np.uint8]:

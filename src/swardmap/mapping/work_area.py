@@ -1,21 +1,25 @@
 """The work area: boundary and exclusion zones, from GPS coordinates to cells that are kept out of."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swardmap.config import AreaConfig
 from swardmap.errors import ConfigError, InvalidValueError
-from swardmap.grid import GridSpec
-from swardmap.mapping.costmap import FREE, boundary_layer
+from swardmap.grid import GridSpec, OccupancyGrid
+from swardmap.mapping.costmap import FREE, Layer, check_frames, restrict
 from swardmap.mapping.geodesy import Projection
+from swardmap.mapping.polygons import cells_inside
 
 Ring = NDArray[np.float64]
 """(N, 2) corners in order; the last joins the first."""
 
 MAX_CORNERS = 10_000
+EDGES_AT_ONCE = 256
 MAX_DISTANCE_M = 20_000.0
 """A lawn is nearer to its datum than that; what is not has another field's datum, or swapped coordinates."""
 
@@ -50,9 +54,9 @@ class Polygon:
 
     def covers(self, spec: GridSpec) -> NDArray[np.bool_]:
         """(height, width) bool: cells whose centre lies in the polygon, for rings in the grid's metres."""
-        covered = np.asarray(boundary_layer(spec, self.rings[0]) == FREE)
+        covered = cells_inside(spec, self.rings[0])
         for hole in self.rings[1:]:
-            covered &= boundary_layer(spec, hole) != FREE
+            covered &= ~cells_inside(spec, hole)
         return covered
 
 
@@ -82,42 +86,48 @@ class WorkArea:
         Raises:
             InvalidValueError: if not.
         """
-        if frame_id != self.frame_id:
-            raise InvalidValueError(
-                f"the work area is in the frame '{self.frame_id}', the map in '{frame_id}': "
-                "set area.frame_id to the frame whose origin the datum is"
-            )
+        check_frames([self], frame_id)
 
     def keep_out(self, spec: GridSpec) -> NDArray[np.bool_]:
         """(height, width) bool: cells whose centre lies outside every boundary, or in an exclusion.
 
-        Without any boundary only exclusions are kept out of.
+        Without any boundary only exclusions are kept out of. It is drawn once for each extent, read only.
 
         Raises:
             InvalidValueError: if the grid is in another frame.
         """
         self.check_frame(spec.frame_id)
-        boundaries = [p for p in self.polygons if p.role == Role.BOUNDARY]
-        out = np.full(spec.shape, bool(boundaries))
-        for polygon in boundaries:
-            out &= ~polygon.covers(spec)
-        for polygon in self.polygons:
-            if polygon.role == Role.EXCLUSION:
-                out |= polygon.covers(spec)
-        return out
+        return _kept_out(self, spec)
 
-    def layer(self, spec: GridSpec) -> NDArray[np.uint8]:
-        """(height, width) uint8 for `build_costmap`: `cost` where to keep out, else 0, which says nothing."""
-        return np.where(self.keep_out(spec), np.uint8(self.cost), np.uint8(FREE))
+    def apply(self, costs: NDArray[np.uint8], grid: OccupancyGrid) -> NDArray[np.uint8]:
+        """Costs with `cost` where to keep out (see `swardmap.mapping.costmap.Layer`)."""
+        return restrict(costs, np.where(self.keep_out(grid.spec), np.uint8(self.cost), np.uint8(FREE)))
 
     @property
     def area_m2(self) -> float:
         """Area of the boundaries less their holes; exclusions and overlaps are not taken off."""
-        return sum(
-            abs(signed_area(p.rings[0])) - sum(abs(signed_area(hole)) for hole in p.rings[1:])
-            for p in self.polygons
-            if p.role == Role.BOUNDARY
-        )
+        from shapely import Polygon as Shape
+
+        boundaries = (p.rings for p in self.polygons if p.role == Role.BOUNDARY)
+        return float(sum(Shape(outer, holes).area for outer, *holes in boundaries))
+
+
+def work_area_in(layers: Iterable[Layer]) -> WorkArea | None:
+    """The work area among the layers of a costmap; None if there is none."""
+    return next((layer for layer in layers if isinstance(layer, WorkArea)), None)
+
+
+@lru_cache(maxsize=4)
+def _kept_out(area: WorkArea, spec: GridSpec) -> NDArray[np.bool_]:
+    boundaries = [p for p in area.polygons if p.role == Role.BOUNDARY]
+    out = np.full(spec.shape, bool(boundaries))
+    for polygon in boundaries:
+        out &= ~polygon.covers(spec)
+    for polygon in area.polygons:
+        if polygon.role == Role.EXCLUSION:
+            out |= polygon.covers(spec)
+    out.flags.writeable = False
+    return out
 
 
 def projected(
@@ -164,18 +174,14 @@ def _ring_to_map(ring: Ring, projection: Projection, polygon: Polygon) -> Ring:
     return xy_m
 
 
-def signed_area(ring: Ring) -> float:
-    """Area of a ring; positive if it runs counterclockwise."""
-    x, y = (ring - ring[0]).T
-    return float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)) / 2
-
-
 def checked_ring(ring: ArrayLike, what: str) -> Ring:
     """A ring without repeated corners; refused if it encloses nothing or crosses itself.
 
     Raises:
         InvalidValueError: saying what is wrong, and where.
     """
+    from shapely import Polygon as Shape
+
     corners: Ring = np.array(ring, np.float64)
     if corners.ndim != 2 or corners.shape[1] != 2 or not np.isfinite(corners).all():
         raise InvalidValueError(f"{what}: expected finite corners (N, 2), got shape {corners.shape}")
@@ -185,30 +191,29 @@ def checked_ring(ring: ArrayLike, what: str) -> Ring:
         )
     repeated: NDArray[np.bool_] = np.asarray((corners == np.roll(corners, 1, axis=0)).all(axis=1))
     corners = corners[~repeated]
-    crossing = first_crossing(corners)
+    crossing = first_crossing(corners) if len(corners) >= 3 else None
     if crossing is not None:
         i, j = crossing
         raise InvalidValueError(
             f"{what} crosses itself: the edge after corner {i} at {corners[i].tolist()} meets the one after "
             f"corner {j} at {corners[j].tolist()}; what is inside is not certain"
         )
-    if len(corners) < 3 or signed_area(corners) == 0:
+    if len(corners) < 3 or Shape(corners).area == 0:
         raise InvalidValueError(f"{what}: expected at least three corners that enclose an area")
     return corners
 
 
 def first_crossing(corners: Ring) -> tuple[int, int] | None:
     """Numbers of the first two edges of a ring that cross, or None. Edges that only touch do not cross."""
-    a, b = corners, np.roll(corners, -1, axis=0)
+    import shapely
 
-    def side(p: Ring, q: Ring, r: Ring) -> Ring:
-        cross = (q - p)[..., 0] * (r - p)[..., 1] - (q - p)[..., 1] * (r - p)[..., 0]
-        signs: Ring = np.sign(cross)
-        return signs
-
-    for i in range(len(corners) - 2):
-        c, d = a[i + 2 :], b[i + 2 :]
-        across = (side(a[i], b[i], c) * side(a[i], b[i], d) < 0) & (side(c, d, a[i]) * side(c, d, b[i]) < 0)
-        if across.any():
-            return i, i + 2 + int(np.argmax(across))
+    if shapely.is_valid(shapely.Polygon(corners)):  # fast, and true of nearly all; but touching is not valid
+        return None
+    edges = shapely.linestrings(np.stack([corners, np.roll(corners, -1, axis=0)], axis=1))
+    tree = shapely.STRtree(edges)
+    for start in range(0, len(edges), EDGES_AT_ONCE):
+        one, two = tree.query(edges[start : start + EDGES_AT_ONCE], predicate="crosses")
+        if len(one):
+            i = int(one.min())
+            return start + i, int(two[one == i].min())
     return None

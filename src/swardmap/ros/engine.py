@@ -6,7 +6,7 @@ or hangs: the lock is held for the update of the map only.
 
 import threading
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,10 +14,10 @@ from swardmap.config import Config
 from swardmap.errors import InputError
 from swardmap.geometry import Pose
 from swardmap.grid import GridSpec, OccupancyGrid
-from swardmap.mapping.costmap import Costmap
+from swardmap.mapping.costmap import Costmap, Layer
 from swardmap.mapping.last_observed import LastObserved
 from swardmap.mapping.log_odds_map import LogOddsMap
-from swardmap.mapping.work_area import WorkArea
+from swardmap.mapping.work_area import work_area_in
 from swardmap.monitor.diagnostics import Diagnosis, HealthReport, frame_stats
 from swardmap.monitor.watchdog import Watchdog
 from swardmap.pipeline import ObstacleMapper, StepResult, configured_mount
@@ -46,7 +46,7 @@ class Engine:
         config: all settings.
         segmenter: used by the worker alone.
         mounts: T_base_camera by name of each camera, or None where it is not known.
-        area: work area, whose outside is kept out of in costmaps.
+        layers: of costmaps, beside what is seen: a work area, a keep-out mask.
         log_odds: saved map to go on from; it is changed.
     """
 
@@ -55,7 +55,7 @@ class Engine:
         config: Config,
         segmenter: Segmenter,
         mounts: Mapping[str, Pose | None],
-        area: WorkArea | None = None,
+        layers: Sequence[Layer] = (),
         log_odds: LogOddsMap | None = None,
     ) -> None:
         self.config = config
@@ -63,7 +63,8 @@ class Engine:
         self.left_out: Counter[str] = Counter()
         self.mapped: Counter[str] = Counter()
         self.stages = StageTimes()
-        self._mounts, self.area = dict(mounts), area
+        self._mounts, self._layers = dict(mounts), tuple(layers)
+        self.area = work_area_in(self._layers)
         self._map_lock, self._watch_lock = threading.Lock(), threading.Lock()
         self._watchdog = Watchdog(tuple(mounts), config.watchdog)
         self._mapper: ObstacleMapper
@@ -196,7 +197,7 @@ class Engine:
     def _begin(self, log_odds: LogOddsMap | None = None) -> None:
         self._version += 1
         mount = configured_mount(self.config.mount)
-        self._mapper = ObstacleMapper(self.segmenter, self.config, mount, self.area, log_odds)
+        self._mapper = ObstacleMapper(self.segmenter, self.config, mount, self._layers, log_odds)
         self._last_observed, self._alone, self._newest_ns = None, None, 0
         if log_odds is not None:
             self._last_observed = LastObserved(log_odds.corner_cell)  # none of it was seen in this run

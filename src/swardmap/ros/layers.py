@@ -41,8 +41,9 @@ def evidence_values(log_odds: LogOddsMap, spec: GridSpec) -> Values:
 
 def keepout_mask(spec: GridSpec, area: WorkArea | None) -> Values:
     """(height, width) int8 for Nav2's KeepoutFilter: 100 outside of the work area, else 0."""
-    barred = np.zeros(spec.shape, bool) if area is None else area.layer(spec) >= INSCRIBED
-    return np.where(barred, np.int8(100), np.int8(0))
+    if area is None or area.cost < INSCRIBED:
+        return np.zeros(spec.shape, np.int8)
+    return np.where(area.keep_out(spec), np.int8(100), np.int8(0))
 
 
 def speed_mask(grid: OccupancyGrid, radius_m: float, percent: float) -> Values:

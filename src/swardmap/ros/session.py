@@ -18,8 +18,8 @@ from swardmap.grid import OccupancyGrid
 from swardmap.io.bags.ros_messages import pose_from_odometry, stamp_ns
 from swardmap.io.bags.tf import ALWAYS_NS
 from swardmap.io.sources.pairing import COLOR
+from swardmap.mapping.costmap import Layer, check_frames
 from swardmap.mapping.log_odds_map import LogOddsMap
-from swardmap.mapping.work_area import WorkArea
 from swardmap.monitor.change_log import ChangeLog
 from swardmap.monitor.diagnostics import Diagnosis, Fault, HealthReport, Severity
 from swardmap.pipeline import StepResult
@@ -107,7 +107,7 @@ class Session:
         }
         self.active = None if rig is None else ActiveCameras(rig)
         self.queue = FrameQueue[Job](parameters.node.queue_frames)
-        self.engine = Engine(config, segmenter, self.poses.mounts, *_area_and_map(config))
+        self.engine = Engine(config, segmenter, self.poses.mounts, *_layers_and_map(config))
         self._skipped: Counter[str] = Counter()
         self._waiting: deque[CameraPair] = deque()
         self._newest_ns: dict[str, int] = {}
@@ -373,13 +373,13 @@ class Session:
         self.last_error = str(error)
 
 
-def _area_and_map(config: Config) -> tuple[WorkArea | None, LogOddsMap | None]:
-    """The work area, and the saved map to go on from, where the configuration names them."""
-    from swardmap.io.maps.area_files import read_area
+def _layers_and_map(config: Config) -> tuple[tuple[Layer, ...], LogOddsMap | None]:
+    """Work area and masks, and the saved map to go on from, where the configuration names them."""
+    from swardmap.io.maps.costmap_layers import zone_layers
     from swardmap.io.maps.log_odds_files import read_living_map
 
-    area = read_area(config.area)
+    layers = zone_layers(config)
     living = None if config.grid.resume is None else read_living_map(config.grid.resume, config)
-    if area is not None and living is not None:
-        area.check_frame(living.corner_cell.frame_id)
-    return area, living
+    if living is not None:
+        check_frames(layers, living.corner_cell.frame_id)
+    return layers, living

@@ -20,7 +20,7 @@ from swardmap.io import FrameSource, open_source
 from swardmap.kernels.compiled import machine_code_count
 from swardmap.labels import MapClass
 from swardmap.mapping.costmap import Costmap
-from swardmap.mapping.work_area import WorkArea
+from swardmap.mapping.work_area import WorkArea, work_area_in
 from swardmap.perception.observation import PixelCounts
 from swardmap.pipeline import ObstacleMapper, StepResult, configured_mount
 from swardmap.runs.versions import versions
@@ -156,11 +156,11 @@ def build_mapper(segmenter: Segmenter, config: Config) -> ObstacleMapper:
         InputError: if one of their files cannot be read.
         MissingExtraError: for a work area without pyproj.
     """
-    from swardmap.io.maps.area_files import read_area
+    from swardmap.io.maps.costmap_layers import zone_layers
     from swardmap.io.maps.log_odds_files import read_living_map
 
     saved = None if config.grid.resume is None else read_living_map(config.grid.resume, config)
-    return ObstacleMapper(segmenter, config, configured_mount(config.mount), read_area(config.area), saved)
+    return ObstacleMapper(segmenter, config, configured_mount(config.mount), zone_layers(config), saved)
 
 
 class _InterruptedError(Exception):
@@ -206,7 +206,8 @@ def _mapped(
     grid, costmap = mapper.map, mapper.costmap()
     summary = _summary(source, segmenter, config, totals, grid, interrupted)
     T_base_camera = mapper.T_base_camera
-    summary["work_area"] = None if mapper.area is None else _area_facts(mapper.area, grid)
+    area = work_area_in(mapper.layers)
+    summary["work_area"] = None if area is None else _area_facts(area, grid)
     summary["mount"] = mount | ({} if T_base_camera is None else _mount_facts(T_base_camera))
     if writer is not None:
         writer.finish(grid, costmap, summary, mapper.log_odds)

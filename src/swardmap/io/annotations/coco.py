@@ -111,7 +111,7 @@ def _painted(
             mask[decode_rle(segmentation.get("counts"), height, width, where)] = value
         elif isinstance(segmentation, list):
             for polygon in segmentation:
-                fill_polygon(mask, _corners(polygon, where), value)
+                fill_polygon(mask, _corners(polygon, where), value, where)
         else:
             raise InputError(f"{where}: expected polygons or run lengths, got {type(segmentation).__name__}")
     return mask

@@ -94,7 +94,7 @@ def _painted(image: ET.Element, shapes: list[ET.Element], where: str, ids: Mappi
         if shape.tag == "mask":
             _paint_runs(mask, shape, value, where)
         else:
-            fill_polygon(mask, _corners(shape, where), value)
+            fill_polygon(mask, _corners(shape, where), value, where)
     return mask
 
 

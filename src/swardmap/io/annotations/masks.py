@@ -11,6 +11,7 @@ from swardmap.errors import InputError, InvalidValueError
 from swardmap.grid import MAX_CELLS
 from swardmap.io.files import inside, read_bytes
 from swardmap.labels import VOID_ID, LabelSet, Role
+from swardmap.mapping.polygons import points_inside
 
 Mask = NDArray[np.uint8]
 BACKGROUND = "background"
@@ -101,26 +102,25 @@ def blank_mask(height: int, width: int, value: int, where: str) -> Mask:
     return np.full((height, width), value, np.uint8)
 
 
-def fill_polygon(mask: Mask, corners: NDArray[np.float64], value: int) -> None:
+def fill_polygon(mask: Mask, corners: NDArray[np.float64], value: int, where: str = "") -> None:
     """Set the pixels whose centres (+0.5) lie inside a polygon, by the even-odd rule.
 
     Args:
         mask: (H, W), changed in place.
         corners: (N, 2) x and y in pixels; 0 is the outer edge of the first pixel.
         value: to set.
+        where: file and image, for messages.
+
+    Raises:
+        InputError: if it has fewer than three finite corners, or more edges than can be drawn.
     """
-    x, y = corners[:, 0], corners[:, 1]
-    first = max(0, int(np.floor(y.min() - 0.5)))
-    last = min(mask.shape[0], int(np.ceil(y.max() + 0.5)))
-    columns = np.arange(mask.shape[1]) + 0.5
-    for row in range(first, last):
-        level = row + 0.5
-        crosses = (y > level) != (np.roll(y, -1) > level)
-        if crosses.any():
-            x0, y0, x1, y1 = x[crosses], y[crosses], np.roll(x, -1)[crosses], np.roll(y, -1)[crosses]
-            at = np.sort(x0 + (level - y0) / (y1 - y0) * (x1 - x0))
-            inside = np.searchsorted(at, columns) % 2 == 1
-            mask[row, inside] = value
+    try:
+        low, high = np.floor(corners.min(axis=0)), np.ceil(corners.max(axis=0))
+        (left, top), (right, bottom) = np.clip([low, high], 0, mask.shape[::-1]).astype(int)
+        part = mask[top:bottom, left:right]
+        part[points_inside(np.arange(left, right) + 0.5, np.arange(top, bottom) + 0.5, corners)] = value
+    except (InvalidValueError, ValueError) as error:
+        raise InputError(f"{where}: {error}") from error
 
 
 def runs_to_flat(runs: Sequence[int] | NDArray[np.int64], size: int, where: str) -> NDArray[np.bool_]:

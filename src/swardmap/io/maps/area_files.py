@@ -1,4 +1,4 @@
-"""Work areas from GeoJSON (RFC 7946) and KML: polygons in WGS84 degrees, each with its role."""
+"""Work areas: GeoJSON (RFC 7946) and KML in WGS84 degrees, each polygon with its role; YAML in metres."""
 
 import json
 from collections import Counter
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swardmap.config import AreaConfig
+from swardmap.config.outputs import YAML_SUFFIXES
 from swardmap.errors import InputError, InvalidValueError
 from swardmap.io.files import read_bytes
 from swardmap.mapping.work_area import Polygon, Role, WorkArea, projected
@@ -28,6 +29,8 @@ Found = tuple[str | None, str, tuple[NDArray[np.float64], ...]]
 def read_area(config: AreaConfig) -> WorkArea | None:
     """The work area that is configured, in metres of the map frame; None if none is.
 
+    A YAML file is in metres already (`read_metric_area`) and needs no datum.
+
     Raises:
         InputError: if the file cannot be read or says nothing that holds together.
         ConfigError: without a datum.
@@ -35,11 +38,34 @@ def read_area(config: AreaConfig) -> WorkArea | None:
     """
     if config.file is None:
         return None
+    if config.file.lower().endswith(YAML_SUFFIXES):
+        return read_metric_area(config.file, config.frame_id, config.keep_out_cost)
     polygons, ignored = read_polygons(config.file)
     try:
         return projected(polygons, config, ignored)
     except InvalidValueError as error:
         raise InputError(f"{config.file}: {error}") from error
+
+
+def read_metric_area(path: str | Path, frame_id: str = "map", cost: int = 254) -> WorkArea:
+    """One boundary from a YAML file: `polygon_m: [[x, y], ...]` in metres of the map's frame.
+
+    Raises:
+        InputError: if it is no such file, or the polygon crosses itself or encloses nothing.
+    """
+    import yaml
+
+    try:
+        tree = yaml.safe_load(read_bytes(path, MAX_BYTES))
+        corners = np.asarray(tree["polygon_m"], np.float64)
+    except (yaml.YAMLError, *DAMAGE) as error:
+        raise InputError(
+            f"{path}: expected 'polygon_m: [[x, y], ...]' in metres, got something else"
+        ) from error
+    try:
+        return WorkArea((Polygon(Role.BOUNDARY, (corners,), Path(path).stem),), frame_id, cost)
+    except InvalidValueError as error:
+        raise InputError(f"{path}: {error}") from error
 
 
 def read_polygons(path: str | Path) -> tuple[tuple[Polygon, ...], dict[str, int]]:
