@@ -219,3 +219,10 @@ def test_of_two_runs_into_one_folder_the_first_to_end_stays(tmp_path: Path) -> N
         (first / "map.pgm").write_bytes(b"first")
     assert names(tmp_path) == ["out"]
     assert (target / "map.pgm").read_bytes() == b"first"
+
+
+def test_a_pointer_of_git_lfs_is_named(tmp_path: Path) -> None:
+    file = tmp_path / "a.png"
+    file.write_text("version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 12345\n")
+    with pytest.raises(InputError, match="git lfs pull"):
+        read_bytes(file)

@@ -1,6 +1,8 @@
 """Images: what OpenCV writes is read; half an image is an error, not half a map."""
 
+import re
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -91,3 +93,22 @@ def test_random_bytes_are_one_error_or_an_image(tail: bytes, head: bytes) -> Non
     except InputError:
         return
     assert image.ndim in (2, 3)
+
+
+@pytest.mark.parametrize("suffix", [".tif", ".tiff"])
+@pytest.mark.parametrize("dtype", [np.uint16, np.float32])
+def test_depth_as_tiff(suffix: str, dtype: Any, tmp_path: Path) -> None:
+    file = tmp_path / f"d{suffix}"
+    for size in (40, 400):
+        depth = (np.random.default_rng(0).random((size, size)) * 1000).astype(dtype)
+        for pressed in (1, 5):  # none, LZW
+            cv2.imwrite(str(file), depth, [cv2.IMWRITE_TIFF_COMPRESSION, pressed])
+            np.testing.assert_array_equal(read_depth(file), depth)
+            whole = file.read_bytes()
+            for share in (0.1, 0.5, 0.9, 0.999):
+                file.write_bytes(whole[: int(share * len(whole))])
+                with pytest.raises(InputError, match=re.escape(str(file))):
+                    read_depth(file)
+    cv2.imwrite(str(file), np.zeros((4, 4), np.uint8))
+    with pytest.raises(InputError, match="got uint8"):
+        read_depth(file)

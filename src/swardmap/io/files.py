@@ -10,6 +10,7 @@ from typing import BinaryIO
 
 from swardmap.errors import InputError, OutputError
 
+LFS_POINTER = b"version https://git-lfs.github.com/spec/"
 MARKER = ".swardmap"
 """File that says of a folder: swardmap made it, and may replace it."""
 
@@ -164,10 +165,13 @@ def read_bytes(path: str | Path, limit: int | None = None) -> bytes:
         size = Path(path).stat().st_size
         if limit is not None and size > limit:
             raise InputError(f"{path}: expected at most {limit} bytes, got {size}")
-        return Path(path).read_bytes()
+        content = Path(path).read_bytes()
     except (OSError, ValueError) as error:  # ValueError: a null byte in the name
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"cannot read {path}: {reason}") from error
+    if content.startswith(LFS_POINTER):
+        raise InputError(f"{path}: only a pointer of Git LFS is there, not the file: run 'git lfs pull'")
+    return content
 
 
 def _beside(path: Path, within: bool = False) -> Path:

@@ -1,5 +1,6 @@
 """Colour, depth and mask images from files, checked so that half an image never passes as a whole one."""
 
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,11 @@ MAX_FILE_BYTES = 512 * 2**20
 MAX_PIXELS = 100_000_000
 PNG_START, PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
 JPEG_START, JPEG_END = b"\xff\xd8\xff", b"\xff\xd9"
+TIFF_STARTS = {b"II*\0": "<", b"MM\0*": ">"}
+"""Byte orders of TIFF by its first bytes."""
+TIFF_EXTENTS = (273, 279, 324, 325)
+"""Tags of where strips and tiles begin and how long they are."""
+DEPTH_SUFFIXES = (".png", ".tif", ".tiff", ".npy")
 
 DepthImage = NDArray[np.uint16] | NDArray[np.float32]
 
@@ -27,7 +33,9 @@ def read_color(path: Path) -> NDArray[np.uint8]:
 
 
 def read_depth(path: Path) -> DepthImage:
-    """A depth image: 16-bit single-channel PNG, or .npy of uint16 or float32; (H, W).
+    """A depth image: 16-bit PNG or TIFF, TIFF of float32, or .npy of uint16 or float32; (H, W).
+
+    Eight bits are refused: they are a picture of depth, not depth.
 
     Raises:
         InputError: if it is missing, truncated, or of another kind.
@@ -82,6 +90,8 @@ def decode(content: bytes, name: str) -> NDArray[Any]:
         whole = PNG_END in content[-64:]
     elif content.startswith(JPEG_START):
         whole = JPEG_END in content[-256:]  # some cameras pad behind the end
+    elif content[:4] in TIFF_STARTS:
+        whole = _tiff_is_whole(content)
     else:
         whole = len(content) > 0
     if not whole:
@@ -95,6 +105,29 @@ def decode(content: bytes, name: str) -> NDArray[Any]:
         raise InputError(f"{name}: cannot be decoded as an image ({len(content)} bytes)")
     _check_pixels(image.shape[1], image.shape[0], name)
     return np.asarray(image)
+
+
+def _tiff_is_whole(content: bytes) -> bool:
+    """Whether all strips or tiles of the first image lie inside: OpenCV reads what is missing as zeros."""
+    order = TIFF_STARTS[content[:4]]
+    sizes = {1: "B", 3: "H", 4: "I"}
+    try:
+        (at,) = struct.unpack_from(order + "I", content, 4)
+        (count,) = struct.unpack_from(order + "H", content, at)
+        struct.unpack_from(order + "I", content, at + 2 + 12 * count)  # where the next image would be
+        tags: dict[int, tuple[int, ...]] = {}
+        for entry in range(at + 2, at + 2 + 12 * count, 12):
+            tag, kind, n = struct.unpack_from(order + "HHI", content, entry)
+            if tag in TIFF_EXTENTS and kind in sizes and n <= len(content):
+                layout = f"{order}{n}{sizes[kind]}"
+                fits = struct.calcsize(layout) <= 4
+                place = entry + 8 if fits else struct.unpack_from(order + "I", content, entry + 8)[0]
+                tags[tag] = struct.unpack_from(layout, content, place)
+    except struct.error:
+        return False
+    starts = tags.get(273, tags.get(324, ()))
+    lengths = tags.get(279, tags.get(325, ()))
+    return all(start + length <= len(content) for start, length in zip(starts, lengths, strict=False))
 
 
 def encode_png(image: NDArray[Any]) -> bytes:

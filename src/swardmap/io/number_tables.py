@@ -1,6 +1,7 @@
 """Tables of numbers in text files, read strictly."""
 
 import io
+import re
 import warnings
 from typing import Any
 
@@ -8,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swardmap.errors import InputError
+
+MICROSOFT_NAN = re.compile(rb"[-+]?\d\.#(?:INF|IND|QNAN|SNAN)\d*")
 
 
 def format_table(points: NDArray[np.void]) -> bytes:
@@ -30,7 +33,7 @@ def parse_table(body: bytes, rows: int, columns: int, name: str, skip: int = 0) 
         skip: lines to leave out first.
 
     Returns:
-        (rows, columns) float64; the words nan and inf are read as such.
+        (rows, columns) float64; the words nan and inf are read as such, Windows' 1.#QNAN and 1.#INF as NaN.
 
     Raises:
         InputError: if it is not such a table.
@@ -38,7 +41,7 @@ def parse_table(body: bytes, rows: int, columns: int, name: str, skip: int = 0) 
     if rows == 0:
         return np.empty((0, columns))
     try:
-        text = io.StringIO(body.decode("ascii"))
+        text = io.StringIO(MICROSOFT_NAN.sub(b"nan", body).decode("ascii"))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # about no data: said better below
             table = np.loadtxt(text, np.float64, comments=None, ndmin=2, skiprows=skip, max_rows=rows)

@@ -394,3 +394,13 @@ def test_other_programs_read_the_same_points(tmp_path: Path) -> None:
         theirs = pypcd4.PointCloud.from_path(tmp_path / "c.pcd").numpy(("x", "y", "z", "label"))
         assert np.array_equal(theirs[:, :3].astype(np.float32), xyz)
         assert np.array_equal(theirs[:, 3], labels)
+
+
+def test_no_readings_as_windows_prints_them(tmp_path: Path) -> None:
+    file = tmp_path / "c.pcd"
+    file.write_text(
+        "VERSION .7\nFIELDS x y z label\nSIZE 4 4 4 4\nTYPE F F F U\nCOUNT 1 1 1 1\nWIDTH 3\nHEIGHT 1\n"
+        "POINTS 3\nDATA ascii\n1 2 3 1\n-1.#IND -1.#IND 1.#QNAN 0\n1.#INF 0 0 0\n"
+    )
+    cloud = read_cloud(file, GRASS_OBSTACLE_PERSON)
+    assert cloud.xyz.tolist() == [[1, 2, 3]]

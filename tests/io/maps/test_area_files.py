@@ -166,7 +166,7 @@ BROKEN: list[tuple[Any, str]] = [
     ({"type": "LineString", "coordinates": LAWN}, "at least one polygon, got 1 x LineString"),
     (collection(), "at least one polygon, got nothing"),
     (collection("lawn"), "indices"),
-    (collection(feature([LAWN], role="keepout")), "the role boundary or exclusion, got 'keepout'"),
+    (collection(feature([LAWN], role="flower bed")), "the role boundary or exclusion, got 'flower bed'"),
     (collection(feature([LAWN], role=3)), "role to be a word"),
     (collection(feature([LAWN], role="boundary"), feature([BED], name="bed")), "'bed' has none"),
     (collection(feature(LAWN, kind="LineString", role="boundary")), "draw it as a polygon"),
@@ -223,3 +223,67 @@ def test_damage_never_escapes_as_another_error(
     with contextlib.suppress(InputError):
         polygons, _ = read_polygons(file)
         assert all(len(ring) >= 3 for polygon in polygons for ring in polygon.rings)
+
+
+NAMES = ("boundary lawn", "Exclusion pond")
+SPELLINGS: list[tuple[dict[str, str], dict[str, str]]] = [
+    ({"role": "boundary"}, {"role": "exclusion"}),
+    ({"Role": "Boundary"}, {"ROLE": " EXCLUSION "}),
+    ({"type": "operation"}, {"type": "exclusion"}),  # OpenMowerNext's map.geojson
+    ({"Name": "Zone 1", "Type": "Inclusive", "Action": "None"}, {"Name": "Zone 2", "Type": "Exclusive"}),
+    ({"Kind": "Mowing Area"}, {"KIND": "No-Go"}),
+    ({"name": NAMES[0]}, {"name": NAMES[1]}),  # togeojson of a KML
+    ({"Name": NAMES[0], "description": ""}, {"Name": NAMES[1], "description": ""}),  # ogr2ogr
+    ({"Name": "Perimeter", "type": "Polygon"}, {"Name": "keep-out: pond", "type": ""}),
+]
+
+
+@pytest.mark.parametrize(("lawn", "pond"), SPELLINGS)
+def test_a_role_is_found_however_it_is_written(
+    lawn: dict[str, str], pond: dict[str, str], tmp_path: Path
+) -> None:
+    polygons, _ = read_polygons(
+        written(tmp_path, collection(feature([LAWN], **lawn), feature([POND], **pond)))
+    )
+    assert [p.role for p in polygons] == [Role.BOUNDARY, Role.EXCLUSION]
+
+
+@pytest.mark.parametrize(
+    ("features", "words"),
+    [
+        ([feature([LAWN]), feature([POND])], "'feature 1' lies wholly inside 'feature 0'"),
+        ([feature([POND], name="pond"), feature([LAWN], name="lawn")], "'pond' lies wholly inside 'lawn'"),
+        (
+            [feature([LAWN], type="lawn"), feature([POND], type="pond")],
+            "is 'lawn' a boundary or an exclusion",
+        ),
+        ([feature([LAWN], role="boundary", type="exclusion")], "role says boundary, type says exclusion"),
+    ],
+)
+def test_what_may_be_a_pond_is_asked_for(features: list[Any], words: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=words):
+        read_polygons(written(tmp_path, collection(*features)))
+
+
+def test_boundaries_that_are_named_so_may_lie_in_each_other(tmp_path: Path) -> None:
+    both = collection(feature([LAWN], role="boundary"), feature([POND], role="boundary"))
+    assert len(read_polygons(written(tmp_path, both))[0]) == 2
+    apart = collection(feature([LAWN]), feature([[[lon + 0.01, lat] for lon, lat in LAWN]]))
+    assert len(read_polygons(written(tmp_path, apart))[0]) == 2
+
+
+@pytest.mark.parametrize("separator", ["", "\x1e"])
+def test_a_feature_a_line_is_a_collection(separator: str, tmp_path: Path) -> None:
+    lines = "".join(f"{separator}{json.dumps(f)}\n" for f in GARDEN["features"])
+    assert [p.name for p in read_polygons(written(tmp_path, lines))[0]] == ["lawn", "bed"]
+
+
+@pytest.mark.parametrize("declared", ["UTF-8", "UTF-16"])
+def test_kml_in_utf_16_and_with_blanks_behind_commas(declared: str, tmp_path: Path) -> None:
+    file = tmp_path / "area.kml"
+    text = GARDEN_KML.replace('encoding="UTF-8"', f'encoding="{declared}"').replace(",", ", ")
+    for encoding in ("utf-16", "utf-8"):
+        file.write_bytes(text.encode(encoding))
+        polygons, _ = read_polygons(file)
+        assert [p.role for p in polygons] == [Role.BOUNDARY, Role.EXCLUSION]
+        np.testing.assert_allclose(np.sort(polygons[1].rings[0], axis=0), np.sort(BED[:-1], axis=0))

@@ -423,3 +423,17 @@ def test_the_files_of_nav2(tmp_path: Path, suffix: str) -> None:
     )
     path = description(tmp_path, str(folder / f"testmap.{suffix}"))
     assert np.array_equal(read_nav_values(path)[1], wanted)
+
+
+@pytest.mark.parametrize(
+    ("mode", "yaw"),
+    [("Trinary", "0.0"), ("trinary", "1e-17"), ("SCALE", "6.283185307179586"), ("Raw", "-1e-9")],
+)
+def test_spellings_that_map_server_takes(mode: str, yaw: str, tmp_path: Path) -> None:
+    (tmp_path / "m.pgm").write_bytes(encode_pgm(np.full((2, 3), 254, np.uint8)))
+    (tmp_path / "m.yaml").write_text(
+        f"image: m.pgm\nmode: {mode}\nresolution: 0.05\norigin: [-1.0, -2.0, {yaw}]\nnegate: 0\n"
+        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    spec, _ = read_nav_values(tmp_path / "m.yaml")
+    assert spec.origin_m == (-1.0, -2.0)

@@ -1,4 +1,4 @@
-"""Masks and clouds as annotation tools write them: CVAT, CamVid, COCO, rviz_cloud_annotation.
+"""Masks and clouds as annotation tools write them: CVAT, CamVid, COCO, Label Studio, Roboflow, rviz.
 
 Each reader gives masks by image name, in the classes of one label set, and reads a mask when it is asked
 for. A class that the label set does not know is refused until the caller says what it is: it might be
@@ -14,12 +14,20 @@ import numpy as np
 from swardmap.errors import InputError
 from swardmap.io.annotations.coco import read_coco
 from swardmap.io.annotations.cvat_xml import read_cvat_xml
+from swardmap.io.annotations.label_studio import read_label_studio
+from swardmap.io.annotations.mask_folder import (
+    CLASSES_FILE,
+    ROBOFLOW_CLASSES,
+    read_mask_folder,
+    read_roboflow_masks,
+)
 from swardmap.io.annotations.masks import (
     BACKGROUND,
     Mask,
     Masks,
     add_reader,
     colors_to_ids,
+    guessed,
     ids_by_name,
     read_mask_image,
 )
@@ -34,7 +42,10 @@ __all__ = [
     "read_coco",
     "read_cvat_masks",
     "read_cvat_xml",
+    "read_label_studio",
+    "read_mask_folder",
     "read_masks",
+    "read_roboflow_masks",
 ]
 
 Color = tuple[int, int, int]
@@ -42,35 +53,63 @@ Classes = Mapping[str, str] | None
 MAX_TEXT_BYTES = 50_000_000
 
 
-def read_masks(path: str | Path, target: LabelSet = GRASS_OBSTACLE_PERSON, classes: Classes = None) -> Masks:
+def read_masks(
+    path: str | Path,
+    target: LabelSet = GRASS_OBSTACLE_PERSON,
+    classes: Classes = None,
+    guess: bool = False,
+) -> Masks:
     """Read the masks of any tool known here, told apart by the files there are.
 
     Args:
-        path: a folder with labelmap.txt (CVAT "Segmentation mask 1.1") or label_colors.txt (CamVid), a
-            .json (COCO) or an .xml (CVAT 1.1).
+        path: a folder with classes.yaml (ours), labelmap.txt (CVAT "Segmentation mask 1.1"), label_colors.txt
+            (CamVid), annotations.xml (CVAT) or _annotations.coco.json or _classes.csv (Roboflow, also in its
+            folders train, valid, test), a .json (COCO, Label Studio) or an .xml (CVAT 1.1).
         target: the set to express masks in.
         classes: name there -> name in `target`, or "void".
+        guess: take plain words, such as lawn, for what they mean, and tell it in `Masks.guessed`.
 
     Raises:
         InputError: if it is none of these, damaged, or has a class that means nothing.
     """
     path = Path(path)
-    if (path / "labelmap.txt").is_file():
-        return read_cvat_masks(path, target, classes)
-    if (path / "label_colors.txt").is_file():
-        return read_camvid(path, target, classes)
+    for name, read in FOLDERS.items():
+        if (path / name).is_file():
+            return read(path, target, classes, guess)
+    parts = [path / split for split in SPLITS if any((path / split / name).is_file() for name in FOLDERS)]
+    if parts:
+        return _joined([read_masks(part, target, classes, guess) for part in parts], str(path))
     if path.suffix.lower() == ".json":
-        return read_coco(path, target, classes)
+        read_json = read_label_studio if _is_list(path) else read_coco
+        return read_json(path, target, classes, guess)
     if path.suffix.lower() == ".xml":
-        return read_cvat_xml(path, target, classes)
+        return read_cvat_xml(path, target, classes, guess)
     raise InputError(
-        f"{path}: expected a folder with labelmap.txt (CVAT masks) or label_colors.txt (CamVid), "
-        "a COCO .json or a CVAT .xml; an archive must be unpacked first"
+        f"{path}: expected a folder with {', '.join(FOLDERS)}, a .json (COCO, Label Studio) or a CVAT .xml; "
+        "an archive must be unpacked first"
     )
 
 
+def _is_list(file: Path) -> bool:
+    """Whether a JSON file holds a list, as Label Studio's does, and not an object, as COCO's."""
+    return read_bytes(file).lstrip(b"\xef\xbb\xbf \t\r\n")[:1] == b"["
+
+
+def _joined(parts: list[Masks], where: str) -> Masks:
+    """The masks of the parts of a data set as one."""
+    readers: dict[str, Callable[[], Mask]] = {}
+    for part in parts:
+        for name in part:
+            add_reader(readers, f"{name}.png", partial(part.__getitem__, name), where)
+    told = {name: meaning for part in parts for name, meaning in part.guessed.items()}
+    return Masks(parts[0].label_set, readers, told, [note for part in parts for note in part.notes])
+
+
 def read_cvat_masks(
-    folder: str | Path, target: LabelSet = GRASS_OBSTACLE_PERSON, classes: Classes = None
+    folder: str | Path,
+    target: LabelSet = GRASS_OBSTACLE_PERSON,
+    classes: Classes = None,
+    guess: bool = False,
 ) -> Masks:
     """Read CVAT's "Segmentation mask 1.1": labelmap.txt and SegmentationClass/NAME.png.
 
@@ -79,17 +118,21 @@ def read_cvat_masks(
     """
     folder = Path(folder)
     colors = _parse_labelmap(folder / "labelmap.txt")
-    ids = ids_by_name(colors, target, classes, str(folder / "labelmap.txt"))
+    ids = ids_by_name(colors, target, classes, str(folder / "labelmap.txt"), guess)
     images = folder / "SegmentationClass"
     if not images.is_dir():
         raise InputError(f"{images}: expected the folder of the masks beside labelmap.txt")
     files = sorted(images.rglob("*.png"))
     read = partial(_indexed_mask, colors=colors, ids=ids)
-    return Masks(target, {str(f.relative_to(images).with_suffix("")): partial(read, f) for f in files})
+    readers = {str(f.relative_to(images).with_suffix("")): partial(read, f) for f in files}
+    return Masks(target, readers, guessed(colors, target, classes) if guess else None)
 
 
 def read_camvid(
-    folder: str | Path, target: LabelSet = GRASS_OBSTACLE_PERSON, classes: Classes = None
+    folder: str | Path,
+    target: LabelSet = GRASS_OBSTACLE_PERSON,
+    classes: Classes = None,
+    guess: bool = False,
 ) -> Masks:
     """Read CamVid as CVAT writes it: label_colors.txt (`r g b name`) and SUBSETannot/NAME.png.
 
@@ -97,7 +140,7 @@ def read_camvid(
     """
     folder = Path(folder)
     colors = _parse_label_colors(folder / "label_colors.txt")
-    ids = ids_by_name(colors, target, classes, str(folder / "label_colors.txt"))
+    ids = ids_by_name(colors, target, classes, str(folder / "label_colors.txt"), guess)
     readers: dict[str, Callable[[], Mask]] = {}
     for subset in sorted(folder.glob("*.txt")):
         if subset.name == "label_colors.txt":
@@ -106,7 +149,21 @@ def read_camvid(
             image, mask = _pair(line, subset)
             read = partial(_indexed_mask, inside(folder, mask.lstrip("/")), colors=colors, ids=ids)
             add_reader(readers, image, read, str(subset))
-    return Masks(target, readers)
+    return Masks(target, readers, guessed(colors, target, classes) if guess else None)
+
+
+FOLDERS: Mapping[str, Callable[[Path, LabelSet, Classes, bool], Masks]] = {
+    CLASSES_FILE: read_mask_folder,
+    "labelmap.txt": read_cvat_masks,
+    "label_colors.txt": read_camvid,
+    "_annotations.coco.json": lambda folder, *how: read_coco(folder / "_annotations.coco.json", *how),
+    ROBOFLOW_CLASSES: read_roboflow_masks,
+    "annotations.xml": lambda folder, *how: read_cvat_xml(folder / "annotations.xml", *how),
+}
+"""File that shows of a folder which tool wrote it -> what reads it."""
+
+SPLITS = ("train", "valid", "test")
+"""Folders of an export of Roboflow."""
 
 
 def read_annotated_cloud(

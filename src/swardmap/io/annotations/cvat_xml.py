@@ -6,6 +6,7 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swardmap.errors import InputError
 from swardmap.io.annotations.masks import (
@@ -14,27 +15,36 @@ from swardmap.io.annotations.masks import (
     Masks,
     add_reader,
     blank_mask,
+    by_gravity,
     fill_polygon,
+    guessed,
     ids_by_name,
     runs_to_flat,
 )
 from swardmap.io.files import read_bytes
 from swardmap.labels import GRASS_OBSTACLE_PERSON, LabelSet
 
-AREAS = ("polygon", "box", "mask")
+AREAS = ("polygon", "box", "ellipse", "mask")
+ELLIPSE_CORNERS = 256
 NO_AREAS = ("tag",)
 """Says something of the whole image, and marks no place in it."""
 
 
 def read_cvat_xml(
-    file: str | Path, target: LabelSet = GRASS_OBSTACLE_PERSON, classes: Mapping[str, str] | None = None
+    file: str | Path,
+    target: LabelSet = GRASS_OBSTACLE_PERSON,
+    classes: Mapping[str, str] | None = None,
+    guess: bool = False,
 ) -> Masks:
-    """Read "CVAT for images 1.1": polygons, boxes and masks, painted in the order of z_order.
+    """Read "CVAT for images 1.1": polygons, boxes, ellipses and masks, painted in the order of z_order.
+
+    On one level an obstacle beats grass and a person beats both: CVAT says nothing of the order there.
 
     Args:
         file: annotations.xml.
         target: the set to express masks in.
         classes: name there -> name in `target`, or "void".
+        guess: take plain words for what they mean.
 
     Raises:
         InputError: if it is damaged, has a document type (entities), shapes without an area (polylines,
@@ -58,11 +68,11 @@ def read_cvat_xml(
             )
         labels += [s.get("label", "") for s in shapes]
         images.append((name, image, shapes, where))
-    ids = ids_by_name(labels, target, classes, str(file))
+    ids = ids_by_name(labels, target, classes, str(file), guess)
     readers: dict[str, Callable[[], Mask]] = {}
     for name, image, shapes, where in images:
-        add_reader(readers, name, partial(_painted, image, shapes, where, ids), str(file))
-    return Masks(target, readers)
+        add_reader(readers, name, partial(_painted, image, shapes, where, ids, target), str(file))
+    return Masks(target, readers, guessed(labels, target, classes) if guess else None)
 
 
 class _NoDoctype(ET.TreeBuilder):
@@ -86,10 +96,13 @@ def _parsed(content: bytes, file: Path) -> ET.Element:
     return root
 
 
-def _painted(image: ET.Element, shapes: list[ET.Element], where: str, ids: Mapping[str, int]) -> Mask:
+def _painted(
+    image: ET.Element, shapes: list[ET.Element], where: str, ids: Mapping[str, int], target: LabelSet
+) -> Mask:
     height, width = _whole(image, "height", where), _whole(image, "width", where)
     mask = blank_mask(height, width, ids[BACKGROUND], where)
-    for shape in sorted(shapes, key=lambda s: _whole(s, "z_order", where, 0)):
+    graver_last = by_gravity([ids[s.get("label", "")] for s in shapes], target)
+    for shape in sorted((shapes[i] for i in graver_last), key=lambda s: _whole(s, "z_order", where, 0)):
         value = ids[shape.get("label", "")]
         if shape.tag == "mask":
             _paint_runs(mask, shape, value, where)
@@ -114,13 +127,15 @@ def _paint_runs(mask: Mask, shape: ET.Element, value: int, where: str) -> None:
     mask[top : top + height, left : left + width][inside] = value
 
 
-def _corners(shape: ET.Element, where: str) -> "np.ndarray[tuple[int, int], np.dtype[np.float64]]":
+def _corners(shape: ET.Element, where: str) -> NDArray[np.float64]:
     try:
         if shape.tag == "box":
-            if float(shape.get("rotation", "0")) != 0:
-                raise ValueError("a box is turned")
             x0, y0, x1, y1 = (float(shape.get(key, "")) for key in ("xtl", "ytl", "xbr", "ybr"))
-            corners = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)])
+            corners = _turned(np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)]), shape)
+        elif shape.tag == "ellipse":
+            cx, cy, rx, ry = (float(shape.get(key, "")) for key in ("cx", "cy", "rx", "ry"))
+            angles = np.linspace(0, 2 * np.pi, ELLIPSE_CORNERS, endpoint=False)
+            corners = _turned(np.stack([cx + rx * np.cos(angles), cy + ry * np.sin(angles)], axis=-1), shape)
         else:
             words = shape.get("points", "").split(";")
             corners = np.array([[float(v) for v in word.split(",")] for word in words]).reshape(-1, 2)
@@ -129,6 +144,13 @@ def _corners(shape: ET.Element, where: str) -> "np.ndarray[tuple[int, int], np.d
     if len(corners) < 3 or not np.isfinite(corners).all():
         raise InputError(f"{where}: expected polygons of at least three finite corners")
     return corners
+
+
+def _turned(corners: NDArray[np.float64], shape: ET.Element) -> NDArray[np.float64]:
+    """Corners turned about their middle by `rotation` degrees, clockwise in the image."""
+    angle, middle = np.deg2rad(float(shape.get("rotation", "0"))), corners.mean(axis=0)
+    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    return corners if angle == 0 else np.asarray((corners - middle) @ turn + middle)
 
 
 def _whole(element: ET.Element, key: str, where: str, default: int | None = None) -> int:

@@ -17,6 +17,18 @@ Mask = NDArray[np.uint8]
 BACKGROUND = "background"
 """What the tools call pixels that nobody annotated; void unless the caller says otherwise."""
 
+OBSTACLE_WORDS = (
+    "other obstacle tree trunk bush shrub hedge flower plant building house wall fence pole post bench chair "
+    "table car vehicle bicycle animal dog cat stone rock water pond path road gravel asphalt soil dirt sky"
+)
+MEANINGS: Mapping[str, str] = {
+    **dict.fromkeys("grass lawn turf mowngrass".split(), "grass"),  # noqa: SIM905 - words are read as words
+    **dict.fromkeys("person people human man woman child pedestrian".split(), "person"),  # noqa: SIM905
+    **dict.fromkeys(OBSTACLE_WORDS.split(), "other"),
+    **dict.fromkeys("void ignore ignored unlabeled unlabelled unknown dontcare".split(), "void"),  # noqa: SIM905
+}
+"""Plain words for classes, in lower case, in the singular. None that may be grass or not means grass."""
+
 PAINT_ORDER = (Role.VOID, Role.FREE, Role.OBSTACLE, Role.PERSON)
 """Where annotations overlap and the tool gives no order: an obstacle beats grass, a person beats both."""
 
@@ -27,15 +39,31 @@ class Masks(Mapping[str, Mask]):
     Args:
         label_set: what the ids mean.
         readers: name -> function that reads the mask, (H, W) uint8.
+        guessed: classes of the tool whose meaning nobody said, and what they were taken for.
+        notes: what else was taken for something, a sentence each.
     """
 
-    def __init__(self, label_set: LabelSet, readers: Mapping[str, Callable[[], Mask]]) -> None:
+    def __init__(
+        self,
+        label_set: LabelSet,
+        readers: Mapping[str, Callable[[], Mask]],
+        guessed: Mapping[str, str] | None = None,
+        notes: Iterable[str] = (),
+    ) -> None:
         self.label_set = label_set
+        self.guessed, self.notes = dict(guessed or {}), tuple(notes)
         self._readers = dict(readers)
 
     def __getitem__(self, name: str) -> Mask:
         """The mask of one image, (H, W) uint8 ids of `label_set`."""
         return self._readers[name]()
+
+    def name_of(self, frame: str) -> str | None:
+        """Name of a frame's mask: the frame's own, or the only one of that name in any folder; else None."""
+        if frame in self._readers:
+            return frame
+        same = [name for name in self._readers if name.rpartition("/")[2] == frame]
+        return same[0] if len(same) == 1 else None
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._readers)
@@ -45,7 +73,11 @@ class Masks(Mapping[str, Mask]):
 
 
 def ids_by_name(
-    names: Iterable[str], target: LabelSet, classes: Mapping[str, str] | None, where: str
+    names: Iterable[str],
+    target: LabelSet,
+    classes: Mapping[str, str] | None,
+    where: str,
+    guess: bool = False,
 ) -> dict[str, int]:
     """Ids in `target` of the names a tool uses.
 
@@ -55,6 +87,7 @@ def ids_by_name(
         classes: name there -> name in `target`, or "void"; `*` stands for all that mean nothing else.
             Without an entry a name stands for itself, and background for void.
         where: the file, for messages.
+        guess: take plain words for what they mean (`guessed`); the caller says so to the user.
 
     Raises:
         InputError: if a name means nothing in `target`: it might be an obstacle.
@@ -64,15 +97,43 @@ def ids_by_name(
     for name in wanted.values():
         if name not in known:
             raise InvalidValueError(f"no class '{name}'; known: {', '.join(known)}")
+    names = list(names)
     rest = wanted.get("*")
+    plain = guessed(names, target, classes) if guess else {}
     meant = {n: wanted.get(n, n if n in known or rest is None else rest) for n in names}
+    meant |= plain
     strange = [name for name, meaning in meant.items() if meaning not in known]
     if strange:
+        options = " ".join(f"--class '{name}=...'" for name in strange[:12])
         raise InputError(
             f"{where}: nobody says what these classes are: {', '.join(map(repr, strange[:12]))}. "
-            f"Name each as one of {', '.join(known)}, such as --class '{strange[0]}=void'"
+            f"Say of each which it is, {', '.join(known)}: {options}"
         )
     return {name: known[meaning] for name, meaning in meant.items()}
+
+
+def guessed(
+    names: Iterable[str], target: LabelSet, classes: Mapping[str, str] | None = None
+) -> dict[str, str]:
+    """What plain words mean in `target`, such as lawn = grass; words with two meanings are not guessed.
+
+    Nor is what `classes` says.
+
+    >>> from swardmap.labels import GRASS_OBSTACLE_PERSON
+    >>> guessed(["Lawn", "Trees", "verge", "grass"], GRASS_OBSTACLE_PERSON)
+    {'Lawn': 'grass', 'Trees': 'other'}
+    """
+    own, said = target.names, dict(classes or {})
+    if "*" in said:
+        return {}
+    found = {}
+    for name in names:
+        word = "".join(c for c in name.lower() if c.isalpha())
+        meaning = MEANINGS.get(word) or MEANINGS.get(word.removesuffix("s"))
+        told = name in own or name in said or name == "void"
+        if meaning in (*own, "void") and meaning is not None and not told:
+            found[name] = meaning
+    return found
 
 
 def add_reader(
@@ -85,7 +146,9 @@ def add_reader(
     """
     name = inside(Path(), image.lstrip("/")).with_suffix("").as_posix()
     if name in readers:
-        raise InputError(f"{where}: expected each image once, got '{name}' twice")
+        raise InputError(
+            f"{where}: expected each image once, got '{name}' twice (an export with augmented copies?)"
+        )
     readers[name] = read
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from swardmap.errors import InputError, InvalidValueError, OutputError
 from swardmap.io.clouds import pcd, ply
+from swardmap.io.clouds.bin_files import KITTI_POINT, find_labels, points_of_bin
 from swardmap.io.files import read_bytes, write_bytes, write_together
 from swardmap.labels import LabelClass, LabelSet, Role
 from swardmap.types import LabeledCloud
@@ -22,7 +23,6 @@ from swardmap.types import LabeledCloud
 LABEL_FIELDS = ("label", "labels", "class", "semantic", "classification", "scalar_label", "scalar_class")
 """Names under which programs store a label, in lower case."""
 
-KITTI_POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")])
 MAX_COORDINATE_M = 100_000.0
 """Beyond it float32 no longer resolves a centimetre."""
 
@@ -107,8 +107,12 @@ def read_cloud(
     return label_points(points, label_set, names, frame_id, unlabeled)
 
 
-def read_points(path: str | Path) -> Points:
+def read_points(path: str | Path, point_floats: int | None = None) -> Points:
     """Read a cloud file as it is, every point kept.
+
+    Args:
+        path: the file.
+        point_floats: of a `.bin`: numbers a point, 4 (SemanticKITTI) or 5 (nuScenes); None = by its content.
 
     Raises:
         InputError: if it cannot be read.
@@ -117,7 +121,7 @@ def read_points(path: str | Path) -> Points:
     content = read_bytes(path)
     suffix = path.suffix.lower()
     if suffix == ".bin":
-        return _read_kitti(content, path)
+        return read_bin(content, path, point_floats)
     if suffix not in (".pcd", ".ply"):
         raise InputError(f"{path}: expected a name ending in .pcd, .ply or .bin")
     decode = pcd.decode_pcd if suffix == ".pcd" else ply.decode_ply
@@ -147,7 +151,10 @@ def label_points(
     valid = points.valid
     if points.ids is None:
         if unlabeled is None:
-            raise InputError(f"{points.name}: the cloud has no labels; expected a field 'label'")
+            raise InputError(
+                f"{points.name}: the cloud has no labels; expected a field 'label', or beside a .bin, or "
+                "in a folder beside its own, the .label of its name"
+            )
         labels = np.full(int(valid.sum()), target[unlabeled].id, np.uint8)
     else:
         labels = _translated(points.ids[valid], target, own_set, names, points.name)
@@ -183,19 +190,15 @@ def _translated(
     return values[positions.reshape(-1)]
 
 
-def _read_kitti(content: bytes, path: Path) -> Points:
-    """SemanticKITTI: float32 x y z intensity; labels beside it, or in ../labels, class in the low 16 bits."""
-    if len(content) % KITTI_POINT.itemsize:
-        raise InputError(f"{path}: truncated: {len(content)} bytes are not whole points of 16 bytes")
-    points = np.frombuffer(content, KITTI_POINT)
-    xyz = np.stack([points[axis] for axis in "xyz"], axis=1)
-    candidates = (path.with_suffix(".label"), path.parent.parent / "labels" / f"{path.stem}.label")
-    label_file = next((file for file in candidates if file.is_file()), None)
-    if label_file is None:
+def read_bin(content: bytes, path: Path, point_floats: int | None = None) -> Points:
+    """Points of a `.bin` and, where there are any, their labels: the class is in the low 16 bits."""
+    label_file = find_labels(path)
+    packed = None if label_file is None else read_bytes(label_file)
+    xyz = points_of_bin(content, str(path), point_floats, None if packed is None else len(packed) // 4)
+    if packed is None:
         return Points(xyz, None, str(path), {})
-    packed = read_bytes(label_file)
-    if len(packed) != 4 * len(points):
-        raise InputError(f"{label_file}: expected {4 * len(points)} bytes for {path}, got {len(packed)}")
+    if len(packed) != 4 * len(xyz):
+        raise InputError(f"{label_file}: expected {4 * len(xyz)} bytes for {path}, got {len(packed)}")
     return Points(xyz, (np.frombuffer(packed, "<u4") & 0xFFFF).astype(np.int64), str(path), {})
 
 

@@ -1,6 +1,7 @@
 """Work areas: GeoJSON (RFC 7946) and KML in WGS84 degrees, each polygon with its role; YAML in metres."""
 
 import json
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -14,16 +15,19 @@ from swardmap.config import AreaConfig
 from swardmap.config.outputs import YAML_SUFFIXES
 from swardmap.errors import InputError, InvalidValueError
 from swardmap.io.files import read_bytes
+from swardmap.io.maps.area_roles import role_of
 from swardmap.mapping.work_area import Polygon, Role, WorkArea, projected
 
 MAX_BYTES = 20_000_000
+MAX_POLYGONS = 2_000
+RECORD_SEPARATOR = "\x1e"
 WGS84_NAMES = ("CRS84", "4326", "WGS84", "WGS 84")
 
 DAMAGE = (ValueError, TypeError, AttributeError, LookupError, OverflowError, RecursionError, ET.ParseError)
 """What a file that is not what it should be makes the parsers raise."""
 
-Found = tuple[str | None, str, tuple[NDArray[np.float64], ...]]
-"""Role as written or None, name, rings of (longitude, latitude)."""
+Found = tuple[Role | None, str, tuple[NDArray[np.float64], ...]]
+"""Role or None, name, rings of (longitude, latitude)."""
 
 
 def read_area(config: AreaConfig) -> WorkArea | None:
@@ -71,9 +75,9 @@ def read_metric_area(path: str | Path, frame_id: str = "map", cost: int = 254) -
 def read_polygons(path: str | Path) -> tuple[tuple[Polygon, ...], dict[str, int]]:
     """Read the polygons of a GeoJSON or KML file; which one it is shows in its first character.
 
-    The role is the property `role` (GeoJSON), or the ExtendedData `role`, else the first word of the name of
-    the Placemark or its Folder (KML). Where no polygon has a role, all are boundaries; where only some have
-    one, the file is refused.
+    The role is the property (GeoJSON) or ExtendedData (KML) `role`, `type` or `kind`, else the first word of
+    the name of the feature, the Placemark or its Folder. Where no polygon has a role, all are boundaries, but
+    refused where one lies inside another; where only some have one, the file is refused.
 
     Returns:
         Polygons in degrees, and how many shapes without an area were left out, by kind.
@@ -84,14 +88,14 @@ def read_polygons(path: str | Path) -> tuple[tuple[Polygon, ...], dict[str, int]
     """
     content = read_bytes(path, MAX_BYTES)
     ignored: Counter[str] = Counter()
-    start = content.lstrip(b"\xef\xbb\xbf \t\r\n")[:1]
     try:
-        if start == b"{":
-            found = list(_from_geojson(_parsed_json(content), ignored))
-        elif start == b"<":
-            found = list(_from_kml(_parsed_xml(content), None, "", ignored))
-        elif content[:2] == b"PK":
+        if content[:2] == b"PK":
             raise ValueError("it is zipped (KMZ): unzip it and name the KML inside")
+        text = _text(content)
+        if text[:1] == "{":
+            found = list(_from_geojson(_parsed_json(text), ignored))
+        elif text[:1] == "<":
+            found = list(_from_kml(_parsed_xml(text), None, "", ignored))
         else:
             raise ValueError("expected GeoJSON or KML")
         return _with_roles(found, ignored), dict(ignored)
@@ -104,28 +108,53 @@ def _with_roles(found: list[Found], ignored: Counter[str]) -> tuple[Polygon, ...
     if not found:
         others = ", ".join(f"{n} x {kind}" for kind, n in ignored.items())
         raise ValueError(f"expected at least one polygon, got {others or 'nothing'}")
+    if len(found) > MAX_POLYGONS:
+        raise ValueError(f"expected at most {MAX_POLYGONS} polygons, got {len(found)}")
     without = [name for role, name, _ in found if role is None]
     if without and len(without) < len(found):
         raise ValueError(
             f"expected a role (boundary or exclusion) for every polygon or for none, '{without[0]}' has none"
         )
-    return tuple(Polygon(_role(role, name), rings, name) for role, name, rings in found)
+    polygons = tuple(Polygon(role or Role.BOUNDARY, rings, name) for role, name, rings in found)
+    if without:
+        _refuse_nested(polygons)
+    return polygons
 
 
-def _role(role: str | None, name: str) -> Role:
-    if role is None:
-        return Role.BOUNDARY
+def _refuse_nested(polygons: tuple[Polygon, ...]) -> None:
+    """Of polygons without a role one inside another is likely a pond, and would vanish as a boundary."""
+    import shapely
+
+    shapes = [shapely.make_valid(shapely.Polygon(p.rings[0], p.rings[1:])) for p in polygons]
+    inner, outer = shapely.STRtree(shapes).query(shapes, predicate="covered_by")
+    for i, j in zip(inner, outer, strict=True):
+        if i != j:
+            raise ValueError(
+                f"'{polygons[i].name}' lies wholly inside '{polygons[j].name}', and nothing says "
+                "whether it may be entered: give every polygon the property role, boundary or exclusion"
+            )
+
+
+def _parsed_json(text: str) -> Any:
+    """One JSON text, or GeoJSON text sequences (RFC 8142, also without the separators): a feature a line."""
+
+    def refuse(word: str) -> NoReturn:
+        raise ValueError(f"expected finite numbers, got {word}")
+
     try:
-        return Role(role.strip().lower())
-    except ValueError:
-        raise ValueError(f"polygon '{name}': expected the role boundary or exclusion, got '{role}'") from None
+        return json.loads(text, parse_constant=refuse)
+    except json.JSONDecodeError as error:
+        if error.msg != "Extra data":
+            raise
+    lines = [line for line in text.replace(RECORD_SEPARATOR, "\n").splitlines() if line.strip()]
+    features = [json.loads(line, parse_constant=refuse) for line in lines]
+    return {"type": "FeatureCollection", "features": features}
 
 
-def _parsed_json(content: bytes) -> Any:
-    def refuse(text: str) -> NoReturn:
-        raise ValueError(f"expected finite numbers, got {text}")
-
-    return json.loads(content.decode("utf-8-sig"), parse_constant=refuse)
+def _text(content: bytes) -> str:
+    """The text, in UTF-8 or, as its first bytes say, UTF-16."""
+    encoding = "utf-16" if content[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
+    return content.decode(encoding).lstrip(f" \t\r\n{RECORD_SEPARATOR}")
 
 
 def _from_geojson(node: Any, ignored: Counter[str]) -> Iterator[Found]:
@@ -148,9 +177,8 @@ def _from_feature(feature: Mapping[str, Any], number: str, ignored: Counter[str]
     if feature["type"] != "Feature":
         raise ValueError(f"{number}: expected a Feature, got {feature['type']}")
     properties = feature.get("properties") or {}
-    role, name = properties.get("role"), str(properties.get("name") or number)
-    if role is not None and not isinstance(role, str):
-        raise ValueError(f"{name}: expected the role to be a word, got {role!r}")
+    name = str(next((v for key, v in properties.items() if key.lower() == "name" and v), number))
+    role = role_of(properties, name)
     if feature["geometry"] is None:
         ignored["feature without geometry"] += 1
         return
@@ -159,7 +187,7 @@ def _from_feature(feature: Mapping[str, Any], number: str, ignored: Counter[str]
 
 
 def _polygons_of(
-    geometry: Mapping[str, Any], role: str | None, ignored: Counter[str]
+    geometry: Mapping[str, Any], role: Role | None, ignored: Counter[str]
 ) -> Iterator[tuple[NDArray[np.float64], ...]]:
     kind = geometry["type"]
     if kind == "Polygon":
@@ -199,9 +227,9 @@ class _NoDoctype(ET.TreeBuilder):
         raise ValueError("a document type is not expected in KML")
 
 
-def _parsed_xml(content: bytes) -> ET.Element:
+def _parsed_xml(text: str) -> ET.Element:
     parser = ET.XMLParser(target=_NoDoctype())  # noqa: S314 - without a document type no entities
-    parser.feed(content)
+    parser.feed(text)  # a text, whatever encoding its first line names
     root = parser.close()
     assert isinstance(root, ET.Element)  # noqa: S101 - narrows the type: TreeBuilder's result
     if _tag(root) != "kml":
@@ -213,7 +241,7 @@ def _tag(element: ET.Element) -> str:
     return str(element.tag).rpartition("}")[2]
 
 
-def _from_kml(node: ET.Element, role: str | None, name: str, ignored: Counter[str]) -> Iterator[Found]:
+def _from_kml(node: ET.Element, role: Role | None, name: str, ignored: Counter[str]) -> Iterator[Found]:
     """Polygons below a node; role and name are those of the nearest Placemark or Folder that has them."""
     tag = _tag(node)
     if tag in ("Placemark", "Folder", "Document"):
@@ -230,12 +258,10 @@ def _from_kml(node: ET.Element, role: str | None, name: str, ignored: Counter[st
         yield from _from_kml(child, role, name, ignored)
 
 
-def _kml_role(node: ET.Element) -> str | None:
-    for data in node.findall("{*}ExtendedData//{*}Data") + node.findall("{*}ExtendedData//{*}SimpleData"):
-        if data.get("name") == "role":
-            return (_child_text(data, "value") or data.text or "").strip()
-    words = _child_text(node, "name").lower().replace("_", " ").replace(":", " ").split()
-    return words[0] if words and words[0] in tuple(Role) else None
+def _kml_role(node: ET.Element) -> Role | None:
+    data = node.findall("{*}ExtendedData//{*}Data") + node.findall("{*}ExtendedData//{*}SimpleData")
+    words = {d.get("name", ""): (_child_text(d, "value") or d.text or "").strip() for d in data}
+    return role_of(words, _child_text(node, "name"))
 
 
 def _child_text(node: ET.Element, tag: str) -> str:
@@ -249,7 +275,8 @@ def _kml_rings(polygon: ET.Element) -> Iterator[NDArray[np.float64]]:
     if len(outer) != 1:
         raise ValueError(f"expected one outerBoundaryIs in a Polygon, got {len(outer)}")
     for element in (*outer, *inner):
-        tuples = [word.split(",") for word in (element.text or "").split()]
+        text = re.sub(r"\s*,\s*", ",", element.text or "")  # some write blanks behind the commas
+        tuples = [word.split(",") for word in text.split()]
         if not all(len(numbers) in (2, 3) for numbers in tuples):
             raise ValueError("expected coordinates as longitude,latitude[,altitude], separated by blanks")
         yield np.array([[float(lon), float(lat)] for lon, lat, *_ in tuples]).reshape(-1, 2)

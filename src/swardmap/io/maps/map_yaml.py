@@ -17,6 +17,8 @@ Mode = Literal["trinary", "scale", "raw"]
 
 FREE_THRESH, OCCUPIED_THRESH = 0.196, 0.65
 MAX_YAML_BYTES = 1_000_000
+NO_YAW_RAD = 1e-6
+"""A map of 10,000 cells turned by less is off by a hundredth of a cell."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +60,8 @@ def read_description(path: str | Path) -> MapDescription:
     image = tree.get("image")
     if not isinstance(image, str) or not image or "\0" in image:
         raise InputError(f"{path}: expected 'image' to name a file, got {image!r}")
-    mode = tree.get("mode", "trinary")
+    mode: Any = tree.get("mode", "trinary")
+    mode = mode.lower() if isinstance(mode, str) else mode  # as map_server does
     if mode not in ("trinary", "scale", "raw"):
         raise InputError(f"{path}: expected 'mode' trinary, scale or raw, got {mode!r}")
     origin = tree.get("origin")
@@ -70,13 +73,13 @@ def read_description(path: str | Path) -> MapDescription:
         raise InputError(f"{path}: expected free_thresh below occupied_thresh, got {free} and {occupied}")
     extra = tree.get("swardmap")
     return MapDescription(
-        image=Path(path).parent / image,
+        image=Path(path).parent / Path(image).expanduser(),
         mode=mode,
         negate=_number(tree, "negate", path) != 0,
         free_thresh=free,
         occupied_thresh=occupied,
         resolution_m=_number(tree, "resolution", path),
-        origin=(x, y, yaw),
+        origin=(x, y, _yaw(yaw)),
         extra=extra if isinstance(extra, dict) else {},
     )
 
@@ -126,6 +129,12 @@ def description_text(image: str, mode: Mode, spec: GridSpec, stamp_ns: int, extr
         f"free_thresh: {FREE_THRESH}\n"
         f"swardmap: {yaml.safe_dump(more, default_flow_style=True, width=1_000_000)}"
     )
+
+
+def _yaw(yaw_rad: float) -> float:
+    """Radians in -pi..pi; 0 where it is what is left of a computation."""
+    wrapped = math.remainder(yaw_rad, 2 * math.pi)
+    return 0.0 if abs(wrapped) < NO_YAW_RAD else wrapped
 
 
 def _number(tree: Mapping[str, Any], key: str, path: str | Path) -> float:

@@ -2,7 +2,7 @@
 
     RECORDING/camera.yaml         width, height, fx, fy, cx, cy, depth_unit_m; optional classes, tags
     RECORDING/rgb/NAME.png        8-bit colour, .png or .jpg
-    RECORDING/depth/NAME.png      16-bit depth, or NAME.npy of uint16 or float32
+    RECORDING/depth/NAME.png      16-bit depth, or .tif or .npy of uint16 or float32
     RECORDING/poses.txt           optional: NAME stamp_ns tx ty tz qx qy qz qw, the pose T_map_camera
     RECORDING/labels/NAME.png     optional: 8-bit true class ids
 
@@ -21,13 +21,13 @@ from swardmap.config import SourceConfig
 from swardmap.errors import InputError, InvalidValueError, SwardmapError
 from swardmap.geometry import Intrinsics, Pose
 from swardmap.io.files import inside, new_output_folder, read_bytes, write_bytes, write_text
-from swardmap.io.images import encode_png, read_color, read_depth, read_mask
+from swardmap.io.images import DEPTH_SUFFIXES, encode_png, read_color, read_depth, read_mask
 from swardmap.io.sources.source import Source, Tally
 from swardmap.labels import GRASS_OBSTACLE_PERSON, LabelClass, LabelSet
 from swardmap.types import Frame
 
 CAMERA_FILE, POSES_FILE = "camera.yaml", "poses.txt"
-COLOR_SUFFIXES, DEPTH_SUFFIXES = (".png", ".jpg", ".jpeg"), (".png", ".npy")
+COLOR_SUFFIXES = (".png", ".jpg", ".jpeg")
 PERIOD_NS = 100_000_000
 """Time between frames of a recording without stamps."""
 

@@ -32,7 +32,6 @@ from swardmap.types import Frame, depth_in_metres
 
 INTRINSICS_FILE = "camera-intrinsics.txt"
 FRAME_FILE = re.compile(r"(frame-(\d{1,9}))\.(?:color\.(?:png|jpg)|depth\.png|pose\.txt)")
-MICROSOFT_NAN = re.compile(rb"[-+]?\d\.#(?:INF|IND|QNAN|SNAN)\d*")
 PERIOD_NS = 33_333_333
 NO_READING = 65535
 MILLIMETRE_M = 0.001
@@ -160,7 +159,7 @@ def parse_pose(content: bytes, name: str) -> Pose | None:
     Raises:
         InputError: if it is no 4x4 matrix, or no rotation and translation.
     """
-    matrix = _matrix(MICROSOFT_NAN.sub(b"nan", content), 4, name)
+    matrix = _matrix(content, 4, name)
     if not np.isfinite(matrix).all():
         return None
     try:
