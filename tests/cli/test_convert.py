@@ -146,7 +146,7 @@ def test_nothing_is_overwritten_unasked(tmp_path: Path) -> None:
 def test_what_does_not_fit_is_one_clear_error(tmp_path: Path, source: str, target: str) -> None:
     write_map(GRID, tmp_path / "a")
     (tmp_path / "x.txt").write_text("")
-    with pytest.raises(SwardmapError, match=r"no such file|expected"):
+    with pytest.raises(SwardmapError, match=r"no such file|expected|not a recording"):
         run(tmp_path / source, tmp_path / target)
     assert not (tmp_path / target).exists()
 
@@ -160,3 +160,30 @@ def test_wrong_use_exits_with_2(tmp_path: Path, word: str) -> None:
 
 def test_help_shows_an_example() -> None:
     assert "swardmap convert map.yaml map.png" in run("--help")
+
+
+def test_a_recording_becomes_a_folder_and_images(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from swardmap.cli.app import run as swardmap
+    from swardmap.io import open_source
+
+    made = "analytic:scenes=1,frames=7,width=64"
+    assert swardmap(["convert", made, str(tmp_path / "all")]) == 0
+    whole = list(open_source(made))
+    back = list(open_source(tmp_path / "all"))
+    assert [f.name for f in back] == [f.name for f in whole]
+    np.testing.assert_array_equal(back[3].rgb, whole[3].rgb)
+    assert (
+        swardmap(["convert", str(tmp_path / "all"), str(tmp_path / "images"), "--every", "3", "--images"])
+        == 0
+    )
+    assert sorted(p.stem for p in (tmp_path / "images").glob("*.png")) == [f.name for f in whole[::3]]
+    first_ns = whole[0].stamp_ns
+    at_s = [(f.stamp_ns - first_ns) / 1e9 for f in whole]
+    span = ["--from", str(at_s[2]), "--to", str(at_s[5]), "--json"]
+    capsys.readouterr()
+    assert swardmap(["convert", made, str(tmp_path / "part"), *span]) == 0
+    assert '"frames": 3' in capsys.readouterr().out
+    assert [f.name for f in open_source(tmp_path / "part")] == [f.name for f in whole[2:5]]
+    assert swardmap(["convert", made, str(tmp_path / "none"), "--from", "1e6"]) == 1
+    assert not (tmp_path / "none").exists()
+    assert swardmap(["convert", str(tmp_path / "all"), str(tmp_path / "part")]) == 1  # it is there

@@ -8,7 +8,17 @@ from typing import Annotated, Any
 
 import typer
 
-from swardmap.cli.options import ConfigFile, Json, Overwrite, Settings, settings
+from swardmap.cli.options import (
+    Classes,
+    ConfigFile,
+    Json,
+    Overwrite,
+    Settings,
+    meanings,
+    settings,
+    tell_guesses,
+)
+from swardmap.errors import InputError
 
 EXAMPLES = """\b
 Examples:
@@ -33,8 +43,10 @@ def evaluate_command(
         Path | None, typer.Option(help="The same recording with clean depth, for the error budget.")
     ] = None,
     masks: Annotated[
-        Path | None, typer.Option(help="True masks: CVAT, CamVid or COCO, named as the frames are.")
+        Path | None,
+        typer.Option(help="True masks: CVAT, COCO, Label Studio, Roboflow, by the frames' names."),
     ] = None,
+    classes: Classes = None,
     resolution: Annotated[
         list[float] | None, typer.Option(help="Edge of a map cell in metres; repeatable, the first counts.")
     ] = None,
@@ -75,14 +87,19 @@ def evaluate_command(
 
     from swardmap.eval.budget import PoseNoise
     from swardmap.eval.cost import margin_cost
-    from swardmap.eval.dataset import DatasetSpec
+    from swardmap.eval.dataset import DatasetSpec, true_masks
     from swardmap.eval.margin_section import MarginOptions
     from swardmap.eval.output import write_results
     from swardmap.eval.report import report_html
     from swardmap.eval.results import results
     from swardmap.eval.run import evaluate, make_plan
 
-    spec = DatasetSpec(dataset, chosen.source, str(clean) if clean else None, str(masks) if masks else None)
+    said = tuple(f"{theirs}={ours}" for theirs, ours in meanings(classes or []).items())
+    if masks is not None:
+        tell_guesses(true_masks(str(masks), said))
+    spec = DatasetSpec(
+        dataset, chosen.source, str(clean) if clean else None, str(masks) if masks else None, said
+    )
     options: dict[str, Any] = {"pose_noise": PoseNoise(*pose_noise), "with_budget": budget}
     if resolution:
         options["resolutions_m"] = tuple(resolution)
@@ -98,6 +115,8 @@ def evaluate_command(
     found["cost"] = margin_cost(found, map_file, work_area, mower_width)
     write_results(out, plan, records, found, report_html(plan, found))
     print(json.dumps(found, allow_nan=False) if as_json else summary_text(found, out))
+    if not found["frames"]["evaluated"]:
+        raise InputError(f"{dataset}: not one frame could be evaluated, so nothing was measured")
 
 
 def summary_text(found: dict[str, Any], out: Path) -> str:

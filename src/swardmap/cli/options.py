@@ -2,15 +2,18 @@
 
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from swardmap.cli.compiling import told_when_compiling
 from swardmap.config import Config, load_config
+
+if TYPE_CHECKING:
+    from swardmap.io.annotations.masks import Masks
 
 ConfigFile = Annotated[
     Path | None, typer.Option("--config", "-c", help="YAML file with any part of the settings.")
@@ -21,6 +24,14 @@ Settings = Annotated[
         "--set", metavar="KEY=VALUE", help="One setting, such as grid.resolution_m=0.1. Repeatable."
     ),
 ]
+Classes = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--class",
+        metavar="THEIRS=OURS",
+        help="What a class of the source is: other, grass, person or void; * = all the rest. Repeatable.",
+    ),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON, for programs.")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace OUT if swardmap made it.")]
 
@@ -28,6 +39,26 @@ Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace OUT if swa
 def settings(file: Path | None, overrides: list[str]) -> Config:
     """The configuration of a command: defaults < file < environment < --set."""
     return load_config(file, os.environ, overrides)
+
+
+def meanings(words: Iterable[str]) -> dict[str, str]:
+    """`--class lawn=grass` as theirs -> ours."""
+    found = {}
+    for word in words:
+        theirs, sign, ours = word.rpartition("=")
+        if not sign or not theirs or not ours:
+            raise typer.BadParameter(f"--class: expected THEIRS=OURS, such as lawn=grass, got '{word}'")
+        found[theirs] = ours
+    return found
+
+
+def tell_guesses(masks: "Masks") -> None:
+    """Say once what classes were taken for, and what else was taken for something."""
+    if masks.guessed:
+        told = ", ".join(f"{theirs} = {ours}" for theirs, ours in masks.guessed.items())
+        print(f"classes taken for: {told} (--class says otherwise)", file=sys.stderr)
+    for note in masks.notes:
+        print(f"note: {note}", file=sys.stderr)
 
 
 class Progress:

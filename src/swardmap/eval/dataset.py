@@ -28,12 +28,17 @@ class DatasetSpec:
         source: how to read it.
         clean: a second recording of the same frames with clean depth; None if there is none.
         masks: masks of an annotation tool, by frame name, for recordings without labels.
+        classes: what its classes mean, THEIRS=OURS each; plain words are taken for what they mean.
     """
 
     location: str
     source: SourceConfig = field(default_factory=SourceConfig)
     clean: str | None = None
     masks: str | None = None
+    classes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "classes", tuple(self.classes))
 
     def to_dict(self) -> dict[str, Any]:
         """Plain strings and numbers."""
@@ -132,7 +137,7 @@ def _with_truth(spec: DatasetSpec, index: int, frame: Frame, clean: Frame | None
     """Add labels and clean depth that lie beside the recording."""
     try:
         if spec.masks is not None:
-            frame = _with_mask(frame, spec.masks)
+            frame = _with_mask(frame, spec.masks, spec.classes)
         if frame.labels is None:
             raise InputError(f"frame {frame.name or index}: expected true labels, got none")
         if is_named(spec.location) and isinstance(made := open_dataset(spec), CleanSource):
@@ -144,18 +149,25 @@ def _with_truth(spec: DatasetSpec, index: int, frame: Frame, clean: Frame | None
         return Numbered(index, None, error=str(error))
 
 
-def _with_mask(frame: Frame, location: str) -> Frame:
-    masks = _masks(location)
-    if frame.name not in masks:
+def _with_mask(frame: Frame, location: str, classes: tuple[str, ...]) -> Frame:
+    masks = true_masks(location, classes)
+    name = masks.name_of(frame.name)
+    if name is None:
         raise InputError(f"frame {frame.name}: no mask of that name in {location}")
-    return replace(frame, labels=masks[frame.name], label_set=masks.label_set)
+    return replace(frame, labels=masks[name], label_set=masks.label_set)
 
 
 @lru_cache(maxsize=2)
-def _masks(location: str) -> "Masks":
+def true_masks(location: str, classes: tuple[str, ...] = ()) -> "Masks":
+    """Masks of an annotation tool; plain words are taken for what they mean, as `Masks.guessed` tells.
+
+    Raises:
+        InputError: see `read_masks`.
+    """
     from swardmap.io.annotations.annotation_files import read_masks
 
-    return read_masks(location)
+    said = {theirs: ours for theirs, _, ours in (word.rpartition("=") for word in classes)}
+    return read_masks(location, classes=said, guess=True)
 
 
 def _same_frame(frame: Frame, clean: Frame, where: str) -> Frame:

@@ -90,6 +90,11 @@ def read_masks(
     )
 
 
+def is_annotated(folder: Path) -> bool:
+    """Whether a folder is an export of one of the tools."""
+    return any((folder / part / name).is_file() for part in ("", *SPLITS) for name in FOLDERS)
+
+
 def _is_list(file: Path) -> bool:
     """Whether a JSON file holds a list, as Label Studio's does, and not an object, as COCO's."""
     return read_bytes(file).lstrip(b"\xef\xbb\xbf \t\r\n")[:1] == b"["
