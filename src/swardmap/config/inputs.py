@@ -34,6 +34,17 @@ class SourceConfig(Checked):
     depth_unit_m: float | None = setting(
         None, "metres per unit of 16-bit depth; none = as the format says", minimum=1e-6
     )
+    intrinsics: tuple[float, float, float, float] | None = setting(
+        None, "fx, fy, cx, cy in pixels, where the data does not say; none = as the data or its kind says"
+    )
+    color_files: str | None = setting(None, "images: pattern of the colour images, such as rgb/*.jpg")
+    depth_files: str | None = setting(None, "images: pattern of the depth images, such as depth/*.png")
+    poses_file: str | None = setting(None, "images: poses, a line each (docs/recordings.md); none = no poses")
+    pair_by: str | None = setting(
+        None,
+        "images: what says which belong together; none = the numbers in the names, if they agree",
+        choices=("name", "time", "order"),
+    )
     label_table: str | None = setting(None, "EDEN and others: YAML file that maps ids to classes")
     level: bool = setting(
         True, "3DMatch and others whose map is not level: turn it so that the floor is z = 0"

@@ -56,8 +56,12 @@ SOURCES: Mapping[str, str] = {
     "gardens": "swardmap.io.sources.gardens",
     "3dmatch": "swardmap.io.sources.threedmatch",
     "orfd": "swardmap.io.sources.orfd",
+    "tum": "swardmap.io.sources.tum",
+    "scannet": "swardmap.io.sources.scannet",
+    "tartanair": "swardmap.io.sources.tartanair",
     "eden": "swardmap.io.sources.eden",
     "rosbag": "swardmap.io.bags.rosbag",
+    "images": "swardmap.io.sources.images",
 }
 """Kinds of source and the module that reads each; asked in this order."""
 

@@ -1,6 +1,7 @@
 """RGB-D sequences in the layout of 3DMatch and 7-Scenes.
 
-    SEQUENCE/camera-intrinsics.txt        3x3 camera matrix; may lie one folder higher (seq-01/ sub-folders)
+    SEQUENCE/camera-intrinsics.txt        3x3 camera matrix; may lie one folder higher (seq-01/ sub-folders);
+                                          7-Scenes has none: its authors state 585, 585, 320, 240
     SEQUENCE/frame-000000.color.png       8-bit colour, .png or .jpg
     SEQUENCE/frame-000000.depth.png       16-bit, millimetres; 0 and 65535 = no reading
     SEQUENCE/frame-000000.pose.txt        4x4, camera to world; NaN or infinite where tracking was lost
@@ -32,6 +33,9 @@ from swardmap.types import Frame, depth_in_metres
 
 INTRINSICS_FILE = "camera-intrinsics.txt"
 FRAME_FILE = re.compile(r"(frame-(\d{1,9}))\.(?:color\.(?:png|jpg)|depth\.png|pose\.txt)")
+SEVEN_SCENES = (585.0, 585.0, 320.0, 240.0)
+"""The camera its authors state for 7-Scenes; its colour and depth are not aligned to the last pixels."""
+SEVEN_SCENES_LISTS = ("TrainSplit.txt", "TestSplit.txt")
 PERIOD_NS = 33_333_333
 NO_READING = 65535
 MILLIMETRE_M = 0.001
@@ -120,7 +124,7 @@ class Sequence:
 
 def recognises(path: Path) -> bool:
     """Whether `path` is such a sequence, or holds seq-... folders with some."""
-    return any(_frame_names(folder) and _intrinsics_file(folder) for folder in _candidates(path))
+    return any(_frame_names(folder) for folder in _candidates(path))
 
 
 def open_source(path: Path, config: SourceConfig) -> Source:
@@ -130,10 +134,7 @@ def open_source(path: Path, config: SourceConfig) -> Source:
         InputError: if a part is missing or does not hold together, or no floor is seen to level the map by.
     """
     folder = _sequence_folder(path)
-    intrinsics_file = _intrinsics_file(folder)
-    if intrinsics_file is None:
-        raise InputError(f"{folder}: expected {INTRINSICS_FILE} there or one folder higher")
-    K = _read_intrinsics(intrinsics_file)
+    K, of_camera = _camera_matrix(folder, config)
     chosen = _frame_names(folder)[config.start : config.stop : config.every]
     entries = [_read_entry(folder, name, number) for name, number in chosen]
     first = next((entry for entry in entries if entry.T_world_camera is not None), None)
@@ -143,7 +144,7 @@ def open_source(path: Path, config: SourceConfig) -> Source:
             f"{folder}: none of the {len(entries)} frames chosen can be used ({faults or 'none'})"
         )
     height, width = _read_depth(folder, first.name).shape
-    camera = _camera(K, width, height, intrinsics_file)
+    camera = _camera(K, width, height, of_camera)
     sequence = Sequence(folder, tuple(entries), camera, config.depth_unit_m or MILLIMETRE_M)
     T_map_world = sequence.T_map_world() if config.level else Pose.identity("map", "world")
     return Source(folder.resolve().name, len(entries), None, partial(sequence.frames, T_map_world))
@@ -187,6 +188,23 @@ def _read_depth(folder: Path, name: str) -> NDArray[np.uint16]:
     if depth.dtype != np.uint16:
         raise InputError(f"{file}: expected a 16-bit depth image, got {depth.dtype}")
     return np.where(depth == NO_READING, 0, depth).astype(np.uint16)
+
+
+def _camera_matrix(folder: Path, config: SourceConfig) -> tuple[Float64Array, Path]:
+    """The camera matrix, and the file or folder that it is of: configured, in a file, or that of 7-Scenes."""
+    file = _intrinsics_file(folder)
+    if config.intrinsics is None and file is not None:
+        return _read_intrinsics(file), file
+    lists = folder.resolve().parent
+    focal = SEVEN_SCENES if any((lists / name).is_file() for name in SEVEN_SCENES_LISTS) else None
+    focal = config.intrinsics or focal
+    if focal is None:
+        raise InputError(
+            f"{folder}: expected {INTRINSICS_FILE} there or one folder higher: write it, or set "
+            "source.intrinsics=[fx,fy,cx,cy] (7-Scenes: [585,585,320,240])"
+        )
+    fx, fy, cx, cy = focal
+    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]], np.float64), folder
 
 
 def _read_intrinsics(file: Path) -> Float64Array:
