@@ -56,6 +56,7 @@ SOURCES: Mapping[str, str] = {
     "gardens": "swardmap.io.sources.gardens",
     "3dmatch": "swardmap.io.sources.threedmatch",
     "orfd": "swardmap.io.sources.orfd",
+    "rellis": "swardmap.io.sources.rellis",
     "tum": "swardmap.io.sources.tum",
     "scannet": "swardmap.io.sources.scannet",
     "tartanair": "swardmap.io.sources.tartanair",

@@ -297,3 +297,67 @@ def test_times_in_names(name: str, ns: int | None) -> None:
 def test_the_settings_of_a_source_are_checked() -> None:
     with pytest.raises(ConfigError, match="pair_by"):
         SourceConfig(pair_by="luck")
+
+
+def write_rellis(folder: Path, scans: int = 3) -> NDArray[np.float32]:
+    """A scan of a plane 5 m ahead, left half grass, right half person, one point behind the camera."""
+    y, z = np.meshgrid(np.linspace(-1.5, 1.5, 60), np.linspace(-0.9, 0.9, 40))
+    xyz = np.stack([np.full(y.size, 5.0), y.ravel(), z.ravel(), np.ones(y.size)], axis=-1).astype("<f4")
+    xyz = np.vstack([xyz, [(-5, 0, 0, 1)], [(6, 0.5, 0, 1)]]).astype("<f4")  # behind; and behind the plane
+    ids = np.where(xyz[:, 1] > 0, 3, 17).astype("<u4")
+    ids[-1] = 4
+    for i in range(scans):
+        image = np.full((1200, 1920, 3), (10, 20, 30), np.uint8)
+        save(folder / "pylon_camera_node" / f"frame{i:06d}-1581624663_{100 + i}.jpg", image)
+        for part, array in (("os1_cloud_node_kitti_bin/{:06d}.bin", xyz),
+                            ("os1_cloud_node_semantickitti_label_id/{:06d}.label", ids)):  # fmt: skip
+            file = folder / part.format(i)
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_bytes(array.tobytes())
+    shift = [[1, 0, 0, 0.5 * i, 0, 1, 0, 0, 0, 0, 1, 0] for i in range(scans)]
+    np.savetxt(folder / "poses.txt", np.array(shift, float))
+    (folder / "camera_info.txt").write_text("2813.643275 2808.326079 969.285772 624.049972\n")
+    (folder / "transforms.yaml").write_text(  # optical axes in the lidar's, 0.1 m ahead of it
+        "os1_cloud_node-pylon_camera_node:\n  q: {w: 0.5, x: -0.5, y: 0.5, z: -0.5}\n"
+        "  t: {x: 0.1, y: 0.0, z: 0.0}\n"
+    )
+    return xyz
+
+
+def test_rellis_points_are_where_opencv_projects_them(tmp_path: Path) -> None:
+    xyz = write_rellis(tmp_path)
+    found = check_source(opened(tmp_path))
+    assert [f.stamp_ns for f in found] == [1_581_624_663_100_000_000 + i * 1_000_000 for i in range(3)]
+    frame = found[1]
+    assert frame.labels is not None
+    assert (frame.intrinsics.width, frame.intrinsics.height) == (480, 300)
+    assert frame.T_map_camera is not None
+    np.testing.assert_allclose(frame.T_map_camera.position_m, (0.6, 0, 0))
+    np.testing.assert_allclose(frame.T_map_camera.matrix[:3, 2], (1, 0, 0), atol=1e-9)  # looks ahead
+    K = np.array([[2813.643275, 0, 969.285772], [0, 2808.326079, 624.049972], [0, 0, 1]])
+    plane = xyz[:-2, :3]
+    in_camera = np.stack([-plane[:, 1], -plane[:, 2], plane[:, 0] - 0.1], axis=-1).astype(float)
+    pixels, _ = cv2.projectPoints(in_camera, np.zeros(3), np.zeros(3), K, None)
+    # the centre of a large pixel lies between four small ones
+    u, v = np.rint((pixels[:, 0] + 0.5) / 4 - 0.5).astype(int).T
+    inside = (u >= 0) & (u < 480) & (v >= 0) & (v < 300)
+    np.testing.assert_allclose(frame.depth[v[inside], u[inside]], 4.9, atol=1e-5)
+    want = np.where(plane[inside, 1] > 0, 1, 2)
+    np.testing.assert_array_equal(frame.labels[v[inside], u[inside]], want)
+    assert (frame.depth > 0).sum() == len({*zip(u[inside], v[inside], strict=True)}) + 1  # and the far point
+    assert (frame.labels[frame.depth == 0] == 255).all()
+
+
+def test_rellis_without_a_part_is_counted_or_refused(tmp_path: Path) -> None:
+    write_rellis(tmp_path)
+    (tmp_path / "os1_cloud_node_kitti_bin/000000.bin").unlink()
+    (tmp_path / "os1_cloud_node_semantickitti_label_id/000001.label").unlink()
+    source = opened(tmp_path)()
+    assert len(list(source)) == 1
+    assert source.skipped == {"no scan": 1, "scan without labels": 1}
+    (tmp_path / "transforms.yaml").write_text("os1: {}\n")
+    with pytest.raises(InputError, match=r"transforms\.yaml: expected os1_cloud_node-pylon"):
+        opened(tmp_path)()
+    (tmp_path / "camera_info.txt").unlink()
+    with pytest.raises(InputError, match=r"camera_info\.txt there or one folder higher"):
+        opened(tmp_path)()
