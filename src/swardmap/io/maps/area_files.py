@@ -1,12 +1,10 @@
 """Work areas: GeoJSON (RFC 7946) and KML in WGS84 degrees, each polygon with its role; YAML in metres."""
 
 import json
-import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NoReturn
-from xml.etree import ElementTree as ET
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +13,8 @@ from swardmap.config import AreaConfig
 from swardmap.config.outputs import YAML_SUFFIXES
 from swardmap.errors import InputError, InvalidValueError
 from swardmap.io.files import read_bytes
-from swardmap.io.maps.area_roles import role_of
+from swardmap.io.maps.area_roles import Found, role_of
+from swardmap.io.maps.kml import KML_DAMAGE, from_kml
 from swardmap.mapping.work_area import Polygon, Role, WorkArea, projected
 
 MAX_BYTES = 20_000_000
@@ -23,11 +22,8 @@ MAX_POLYGONS = 2_000
 RECORD_SEPARATOR = "\x1e"
 WGS84_NAMES = ("CRS84", "4326", "WGS84", "WGS 84")
 
-DAMAGE = (ValueError, TypeError, AttributeError, LookupError, OverflowError, RecursionError, ET.ParseError)
+DAMAGE = (ValueError, TypeError, AttributeError, LookupError, OverflowError, RecursionError, *KML_DAMAGE)
 """What a file that is not what it should be makes the parsers raise."""
-
-Found = tuple[Role | None, str, tuple[NDArray[np.float64], ...]]
-"""Role or None, name, rings of (longitude, latitude)."""
 
 
 def read_area(config: AreaConfig) -> WorkArea | None:
@@ -95,7 +91,7 @@ def read_polygons(path: str | Path) -> tuple[tuple[Polygon, ...], dict[str, int]
         if text[:1] == "{":
             found = list(_from_geojson(_parsed_json(text), ignored))
         elif text[:1] == "<":
-            found = list(_from_kml(_parsed_xml(text), None, "", ignored))
+            found = list(from_kml(text, ignored))
         else:
             raise ValueError("expected GeoJSON or KML")
         return _with_roles(found, ignored), dict(ignored)
@@ -217,66 +213,3 @@ def _rings(rings: Any) -> tuple[NDArray[np.float64], ...]:
 
 def _is_number(value: Any) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool)
-
-
-class _NoDoctype(ET.TreeBuilder):
-    """Refuses a document type: it may define entities that grow without end or read files."""
-
-    def doctype(self, *_: str | None) -> None:
-        """Called for <!DOCTYPE>."""
-        raise ValueError("a document type is not expected in KML")
-
-
-def _parsed_xml(text: str) -> ET.Element:
-    parser = ET.XMLParser(target=_NoDoctype())  # noqa: S314 - without a document type no entities
-    parser.feed(text)  # a text, whatever encoding its first line names
-    root = parser.close()
-    assert isinstance(root, ET.Element)  # noqa: S101 - narrows the type: TreeBuilder's result
-    if _tag(root) != "kml":
-        raise ValueError(f"expected KML, got <{_tag(root)}>")
-    return root
-
-
-def _tag(element: ET.Element) -> str:
-    return str(element.tag).rpartition("}")[2]
-
-
-def _from_kml(node: ET.Element, role: Role | None, name: str, ignored: Counter[str]) -> Iterator[Found]:
-    """Polygons below a node; role and name are those of the nearest Placemark or Folder that has them."""
-    tag = _tag(node)
-    if tag in ("Placemark", "Folder", "Document"):
-        role, name = _kml_role(node) or role, _child_text(node, "name") or name
-    if tag == "Polygon":
-        yield role, name or "polygon", tuple(_kml_rings(node))
-        return
-    if tag in ("LineString", "LinearRing", "Point", "Track", "Model"):
-        if role is not None and tag in ("LineString", "LinearRing"):
-            raise ValueError(f"'{name}': expected a polygon for the role {role}, got a {tag}")
-        ignored[tag] += 1
-        return
-    for child in node:
-        yield from _from_kml(child, role, name, ignored)
-
-
-def _kml_role(node: ET.Element) -> Role | None:
-    data = node.findall("{*}ExtendedData//{*}Data") + node.findall("{*}ExtendedData//{*}SimpleData")
-    words = {d.get("name", ""): (_child_text(d, "value") or d.text or "").strip() for d in data}
-    return role_of(words, _child_text(node, "name"))
-
-
-def _child_text(node: ET.Element, tag: str) -> str:
-    child = node.find(f"{{*}}{tag}")
-    return "" if child is None else (child.text or "").strip()
-
-
-def _kml_rings(polygon: ET.Element) -> Iterator[NDArray[np.float64]]:
-    outer = polygon.findall("{*}outerBoundaryIs/{*}LinearRing/{*}coordinates")
-    inner = polygon.findall("{*}innerBoundaryIs/{*}LinearRing/{*}coordinates")
-    if len(outer) != 1:
-        raise ValueError(f"expected one outerBoundaryIs in a Polygon, got {len(outer)}")
-    for element in (*outer, *inner):
-        text = re.sub(r"\s*,\s*", ",", element.text or "")  # some write blanks behind the commas
-        tuples = [word.split(",") for word in text.split()]
-        if not all(len(numbers) in (2, 3) for numbers in tuples):
-            raise ValueError("expected coordinates as longitude,latitude[,altitude], separated by blanks")
-        yield np.array([[float(lon), float(lat)] for lon, lat, *_ in tuples]).reshape(-1, 2)

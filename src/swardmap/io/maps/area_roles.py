@@ -3,7 +3,10 @@
 from collections.abc import Mapping
 from typing import Any
 
-from swardmap.mapping.work_area import Role
+from swardmap.mapping.work_area import Ring, Role
+
+Found = tuple[Role | None, str, tuple[Ring, ...]]
+"""Role or None, name, rings of (longitude, latitude)."""
 
 ROLE_KEYS = ("role", "type", "kind")
 """Properties that say what a polygon is for, in any case."""
