@@ -118,14 +118,14 @@ def test_a_process_that_dies_is_one_clear_error_and_what_is_finished_is_kept(
 ) -> None:
     plan = small_plan("analytic:scenes=4,frames=8,width=96")
     expected = evaluate(plan, tmp_path / "alone", workers=1)
-    monkeypatch.setattr("swardmap.eval.run._start_worker", _die_at_once)
-    with pytest.raises(InputError, match="died, perhaps for want of memory"):
+    monkeypatch.setattr("swardmap.runs.parallel._start_worker", _die_at_once)
+    with pytest.raises(OutputError, match="died, perhaps for want of memory"):
         evaluate(plan, tmp_path / "run", workers=2)
     monkeypatch.undo()
     assert evaluate(plan, tmp_path / "run", workers=2) == expected
 
 
-def _die_at_once(_: int) -> None:
+def _die_at_once(*_: object) -> None:
     os._exit(1)
 
 

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from swardmap.cli.options import ConfigFile, Json, Overwrite, Settings, settings
+from swardmap.cli.progress import Progress
 
 EXAMPLES = """\b
 Examples:
@@ -90,9 +91,9 @@ def evaluate_command(
         options["protocols"] = tuple(protocol)
     margin = MarginOptions(share, confidence, unit, population)
     plan = make_plan(spec, chosen, **options)
-    with _Bar(quiet=as_json) as on_done:
+    with Progress("evaluating", "evaluated", quiet=as_json) as bar:
         records = evaluate(
-            plan, out, workers=workers, ray_address=ray, strict=strict, overwrite=overwrite, on_done=on_done
+            plan, out, workers=workers, ray_address=ray, strict=strict, overwrite=overwrite, on_done=bar.show
         )
     found = results(plan, records, margin, command="swardmap " + shlex.join(sys.argv[1:]))
     found["cost"] = margin_cost(found, map_file, work_area, mower_width)
@@ -128,37 +129,3 @@ def summary_text(found: dict[str, Any], out: Path) -> str:
     else:
         lines.append(f"margin: {margin['margin_m']:.3f} m, see {out / 'margin.yaml'}")
     return "\n".join([*lines, f"report: {out / 'report.html'}"])
-
-
-class _Bar:
-    """A progress bar on a terminal, plain lines when not."""
-
-    def __init__(self, quiet: bool) -> None:
-        self._quiet, self._printed = quiet, -1
-        self._bar: Any = None
-
-    def __enter__(self) -> Any:
-        return self._show
-
-    def __exit__(self, *_: object) -> None:
-        if self._bar is not None:
-            self._bar.stop()
-
-    def _show(self, done: int, total: int) -> None:
-        if self._quiet:
-            return
-        if not sys.stderr.isatty():
-            tenth = 10 * done // total
-            if tenth > self._printed:
-                print(f"evaluated {done} of {total} frames", file=sys.stderr)
-                self._printed = tenth
-            return
-        if self._bar is None:
-            from rich.console import Console
-            from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-            columns = (TextColumn("evaluating"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-            self._bar = Progress(*columns, console=Console(stderr=True))
-            self._bar.start()
-            self._task = self._bar.add_task("frames", total=total)
-        self._bar.update(self._task, completed=done)

@@ -8,7 +8,8 @@ from typing import Annotated, Any
 import typer
 
 from swardmap.cli.live import Duration, Frames, tell_how_it_ended, until_stopped
-from swardmap.cli.options import ConfigFile, Json, Overwrite, Progress, Settings, settings
+from swardmap.cli.options import ConfigFile, Json, Overwrite, Settings, settings
+from swardmap.cli.progress import Progress
 
 EXAMPLES = """\b
 Examples:
@@ -74,8 +75,8 @@ def map_command(
     with ExitStack() as stack:
         if live:  # a recording that is stopped is an interrupted run; a camera has no other end
             stack.enter_context(until_stopped(given))
-        on_step = stack.enter_context(Progress(given.frame_count, quiet=as_json))
-        run = map_recording(given, out, chosen, overwrite=overwrite, on_step=on_step)
+        bar = stack.enter_context(Progress("mapping", "mapped", given.frame_count, as_json))
+        run = map_recording(given, out, chosen, overwrite=overwrite, on_step=bar.step)
     print(json.dumps(run.summary, indent=2) if as_json else report(run.summary, out))
     tell_how_it_ended(given, live, run.totals.frames, out)
 

@@ -10,13 +10,9 @@ twice, and the result does not depend on who did which part.
 """
 
 import json
-import os
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
+from functools import partial
 from hashlib import sha256
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -25,10 +21,9 @@ from swardmap.errors import ConfigError, InputError, OutputError
 from swardmap.eval.dataset import DatasetSpec, count_frames, open_dataset
 from swardmap.eval.frame import Plan, evaluate_part
 from swardmap.pipeline import configured_mount
+from swardmap.runs.parallel import OnDone, Tick, each_part
 
 Part = tuple[int, int]
-OnDone = Callable[[int, int], None]
-"""Called with the number of frames done and of all frames."""
 
 
 def make_plan(dataset: DatasetSpec, config: Config | None = None, **options: Any) -> Plan:
@@ -98,7 +93,8 @@ def evaluate(
     done = total - sum(stop - start for start, stop in todo)
     if on_done is not None:
         on_done(done, total)
-    for (start, stop), text in _worked(plan, todo, workers, ray_address):
+    work = partial(_work, replace(plan, config=_one_thread(plan.config)))
+    for (start, stop), text in each_part(work, todo, workers, ray_address):
         if strict:
             _stop_at_error(text)
         _write_part(out, (start, stop), text)
@@ -201,67 +197,10 @@ def _stop_at_error(text: str) -> None:
             raise InputError(f"frame {record['index']}: {record['error']} (--strict stops here)")
 
 
-def _worked(
-    plan: Plan, todo: list[Part], workers: int | None, ray_address: str | None
-) -> Iterator[tuple[Part, str]]:
-    plan = replace(plan, config=_one_thread(plan.config))
-    if ray_address is not None:
-        from swardmap.eval.cluster import on_ray
-
-        return on_ray(plan, todo, ray_address)
-    workers = workers or len(os.sched_getaffinity(0))
-    if workers == 1 or len(todo) <= 1:
-        return ((part, evaluate_part(plan, *part)) for part in todo)
-    return _in_processes(plan, todo, min(workers, len(todo)))
-
-
-def _in_processes(plan: Plan, todo: Iterable[Part], workers: int) -> Iterator[tuple[Part, str]]:
-    """Parts in the order in which they are finished; two a worker are under way, so that none waits."""
-    waiting = iter(todo)
-    with ProcessPoolExecutor(workers, get_context("spawn"), _start_worker, (os.getpid(),)) as pool:
-        running: dict[Future[str], Part] = {}
-        try:
-            while True:
-                while len(running) < 2 * workers and (part := next(waiting, None)) is not None:
-                    running[pool.submit(evaluate_part, plan, *part)] = part
-                if not running:
-                    return
-                finished, _ = wait(running, return_when=FIRST_COMPLETED)
-                for future in finished:
-                    yield running.pop(future), _text_of(future)
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)
-
-
-def _text_of(future: "Future[str]") -> str:
-    try:
-        return future.result()
-    except BrokenProcessPool as error:
-        raise InputError(
-            "a process of the evaluation died, perhaps for want of memory; give the same command again, "
-            "with fewer --workers: what is finished is kept"
-        ) from error
+def _work(plan: Plan, part: Part, _: Tick) -> str:
+    return evaluate_part(plan, *part)
 
 
 def _one_thread(config: Config) -> Config:
     """A core for each part: a network must not take them all, and rounds the same however many there are."""
     return replace(config, segmenter=replace(config.segmenter, threads=1))
-
-
-def _start_worker(parent: int) -> None:
-    """End with the parent, even if that is killed: an orphan would wait for work for ever."""
-    import signal
-    import threading
-    import time
-
-    import cv2
-
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's
-    cv2.setNumThreads(1)
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(0.5)
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()

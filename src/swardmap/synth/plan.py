@@ -6,10 +6,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from swardmap.config.loader import to_dict
 from swardmap.errors import ConfigError, InputError, OutputError
 from swardmap.io.files import MARKER, write_text
 from swardmap.io.sources.eden_layout import LIGHTS
-from swardmap.synth.config import SynthConfig, digest, synth_config_to_dict
+from swardmap.synth.config import SynthConfig, digest
 
 MAX_SCENES = 10_000
 """EDEN numbers scenes with four digits; the gardens of two seeds are never the same."""
@@ -54,7 +55,7 @@ class SynthPlan:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and strings; of what changes the frames that are there already."""
-        return {"seed": self.seed, "frames": self.frames, "config": synth_config_to_dict(self.config)}
+        return {"seed": self.seed, "frames": self.frames, "config": to_dict(self.config)}
 
 
 def garden_seed(seed: int, scene: int) -> int:
