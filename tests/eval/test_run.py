@@ -82,7 +82,7 @@ def test_another_plan_is_never_mixed_in(tmp_path: Path) -> None:
     stranger = tmp_path / "stranger"
     stranger.mkdir()
     (stranger / "thesis.txt").write_text("mine")
-    with pytest.raises(OutputError, match="holds no evaluation"):
+    with pytest.raises(OutputError, match="was not made by swardmap"):
         evaluate(other, stranger, workers=1, overwrite=True)
     assert (stranger / "thesis.txt").read_text() == "mine"
 

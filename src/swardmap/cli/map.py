@@ -10,21 +10,28 @@ import typer
 from swardmap.cli.live import Duration, Frames, tell_how_it_ended, until_stopped
 from swardmap.cli.options import ConfigFile, Json, Overwrite, Settings, settings
 from swardmap.cli.progress import Progress
+from swardmap.config import Config
+from swardmap.errors import InputError
 
 EXAMPLES = """\b
 Examples:
   swardmap map recording/ -o out/
   swardmap map drive.mcap -o out/ --segmenter lawn.onnx --resolution 0.1
   swardmap map drive.bag -o out/ --set source.depth_topic=/depth/image_raw
+  swardmap map monday.mcap tuesday.mcap friday.mcap -o maps/ --workers 2
   swardmap map friday.mcap -o out2/ --resume-map out/living.npz
   swardmap map drive.mcap -o out/ --set area.file=lawn.kml --set area.datum_lat=52.4 --set area.datum_lon=16.9
 """
 
 
 def map_command(
-    source: Annotated[
-        Path,
-        typer.Argument(help="A folder, a ROS bag, an MCAP file, or the camera realsense:.", readable=False),
+    sources: Annotated[
+        list[Path],
+        typer.Argument(
+            help="A folder, a ROS bag, an MCAP file, or the camera realsense:; several get a map each.",
+            metavar="SOURCE...",
+            readable=False,
+        ),
     ],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.", readable=False)],
     kind: Annotated[
@@ -42,6 +49,12 @@ def map_command(
     resume_map: Annotated[
         Path | None,
         typer.Option(help="living.npz of an earlier run to go on from; makes grid.mode evidence."),
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(help="Processes for several recordings; none = one a core.", min=1)
+    ] = None,
+    ray: Annotated[
+        str | None, typer.Option(help="Address of a Ray cluster for several recordings, or local.")
     ] = None,
     frames: Frames = None,
     duration: Duration = None,
@@ -63,6 +76,12 @@ def map_command(
     ]
     chosen = settings(config, overrides)
 
+    if len(sources) > 1:
+        if frames or duration or resume_map:
+            raise typer.BadParameter("--frames, --duration and --resume-map are for one recording")
+        _map_many(sources, out, chosen, workers, ray, overwrite, as_json)
+        return
+    (source,) = sources
     from swardmap.io import is_live, open_source
     from swardmap.io.files import refuse_to_replace
     from swardmap.io.sources.limited import LimitedSource
@@ -79,6 +98,49 @@ def map_command(
         run = map_recording(given, out, chosen, overwrite=overwrite, on_step=bar.step)
     print(json.dumps(run.summary, indent=2) if as_json else report(run.summary, out))
     tell_how_it_ended(given, live, run.totals.frames, out)
+
+
+def _map_many(
+    sources: list[Path],
+    out: Path,
+    config: Config,
+    workers: int | None,
+    ray: str | None,
+    overwrite: bool,
+    as_json: bool,
+) -> None:
+    """A map each; says at the end which could not be made.
+
+    Raises:
+        InputError: if one could not be mapped; the others are there.
+    """
+    from swardmap.runs.many import map_recordings
+
+    with Progress("mapping", "mapped", quiet=as_json, things="recordings") as bar:
+        found = map_recordings(
+            sources, out, config, workers=workers, ray_address=ray, overwrite=overwrite, on_done=bar.show
+        )
+    made: dict[str, Any] = found["recordings"]
+    failed = [name for name, facts in made.items() if "error" in facts]
+    if as_json:
+        print(json.dumps(found, indent=2))
+    else:
+        for name, facts in made.items():
+            print(f"{name}: {facts['error'] if name in failed else _cells_text(facts)}")
+        print(f"{len(made) - len(failed)} of {len(made)} recordings mapped, a folder each in {out}")
+    if failed:
+        raise InputError(
+            f"{len(failed)} of {len(made)} recordings could not be mapped: {', '.join(failed[:5])}; "
+            f"the others are in {out}"
+        )
+
+
+def _cells_text(facts: dict[str, Any]) -> str:
+    cells = facts["cells"]
+    if cells is None:
+        return f"{facts['frames']} frames, no poses: a map each"
+    counts = ", ".join(f"{cells[name]} {name}" for name in ("grass", "obstacle", "person"))
+    return f"{facts['frames']} frames, {counts}"
 
 
 def report(summary: dict[str, Any], out: Path) -> str:

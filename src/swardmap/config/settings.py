@@ -10,7 +10,7 @@ from dataclasses import field, fields
 from typing import Any
 
 from swardmap.config.bounded_yaml import parse_yaml
-from swardmap.errors import ConfigError, shortened
+from swardmap.errors import ConfigError, one_line, shortened
 
 
 def setting(
@@ -56,7 +56,7 @@ def build(cls: Any, tree: Any, path: str = "") -> Any:
         if key not in known:
             near = difflib.get_close_matches(str(key), known, n=1)
             hint = f"; did you mean '{near[0]}'?" if near else f"; known: {', '.join(sorted(known))}"
-            raise ConfigError(f"unknown setting '{path}{shortened(key)}'{hint}")
+            raise ConfigError(f"unknown setting '{path}{one_line(key, 80)}'{hint}")
     values = {}
     for key, value in tree.items():
         section = dataclasses.is_dataclass(hints[key])

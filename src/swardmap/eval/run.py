@@ -10,20 +10,24 @@ twice, and the result does not depend on who did which part.
 """
 
 import json
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
-from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 from swardmap.config import Config
-from swardmap.errors import ConfigError, InputError, OutputError
+from swardmap.errors import InputError, SwardmapError, one_line, shortened
 from swardmap.eval.dataset import DatasetSpec, count_frames, open_dataset
 from swardmap.eval.frame import Plan, evaluate_part
 from swardmap.pipeline import configured_mount
 from swardmap.runs.parallel import OnDone, Tick, each_part
+from swardmap.runs.plan_folder import open_plan_folder, read_plan_file
+from swardmap.runs.versions import network_digest
 
 Part = tuple[int, int]
+
+MAX_FRAMES = 100_000_000
 
 
 def make_plan(dataset: DatasetSpec, config: Config | None = None, **options: Any) -> Plan:
@@ -46,17 +50,7 @@ def make_plan(dataset: DatasetSpec, config: Config | None = None, **options: Any
     mount = options.pop("T_base_camera", None)
     if mount is None and (pose := configured_mount(config.mount)) is not None:
         mount = tuple(pose.matrix.ravel().tolist())
-    return Plan(dataset, config, T_base_camera=mount, network=_network_digest(config), **options)
-
-
-def _network_digest(config: Config) -> str:
-    """Tells network files apart, so that results of two networks of one name are never mixed."""
-    from swardmap.io.files import read_bytes
-    from swardmap.models import bundled_network
-
-    name = config.segmenter.name
-    path = bundled_network() if name == "auto" else Path(name) if name.lower().endswith(".onnx") else None
-    return "" if path is None else sha256(read_bytes(path)).hexdigest()[:16]
+    return Plan(dataset, config, T_base_camera=mount, network=network_digest(config), **options)
 
 
 def evaluate(
@@ -135,40 +129,38 @@ def read_plan(out: Path) -> tuple[Plan, int]:
         InputError: if the folder holds none.
     """
     try:
-        plain = json.loads((out / "plan.json").read_text(encoding="utf-8"))
+        plain = read_plan_file(out)
         return Plan.from_json(json.dumps(plain["plan"])), int(plain["frames"])
-    except (OSError, ValueError, KeyError, TypeError, ConfigError) as error:
-        raise InputError(f"{out}: expected a folder that `swardmap evaluate` wrote ({error})") from error
+    except (SwardmapError, ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
+        raise InputError(
+            f"{out}: expected a folder that `swardmap evaluate` wrote ({one_line(error)})"
+        ) from error
 
 
 def _prepare(plan: Plan, out: Path, overwrite: bool) -> int:
     """Make the folder ready for this plan; the number of frames."""
-    from swardmap.io.files import MARKER, write_text
 
-    known = None
-    if (out / "plan.json").is_file():
-        try:
-            known = json.loads((out / "plan.json").read_text(encoding="utf-8"))
-        except ValueError:
-            known = {}
-        if known.get("fingerprint") == plan.fingerprint and not overwrite:
-            return int(known["frames"])
-        if not overwrite:
-            raise OutputError(
-                f"{out} holds the evaluation of other data or settings: choose another folder, "
-                "or pass --overwrite to replace it"
-            )
-    elif out.is_dir() and any(out.iterdir()):
-        raise OutputError(f"{out} exists and holds no evaluation: choose another folder")
-    total = count_frames(plan.dataset)
-    if total == 0:
-        raise InputError(f"{plan.dataset.location} holds no frame")
-    for old in (out / "parts").glob("*.jsonl"):
-        old.unlink()
-    write_text(out / MARKER, "Made by swardmap. --overwrite may replace this folder.\n")
-    plain = {"plan": json.loads(plan.to_json()), "fingerprint": plan.fingerprint, "frames": total}
-    write_text(out / "plan.json", json.dumps(plain, indent=2) + "\n")
-    return total
+    def new() -> dict[str, Any]:
+        total = count_frames(plan.dataset)
+        if total == 0:
+            raise InputError(f"{plan.dataset.location} holds no frame")
+        return {"plan": json.loads(plan.to_json()), "fingerprint": plan.fingerprint, "frames": total}
+
+    def difference(known: Mapping[str, Any]) -> str:
+        return "" if known.get("fingerprint") == plan.fingerprint else _difference(known.get("plan"), plan)
+
+    known = open_plan_folder(out, "evaluation", new, difference, overwrite, inner=("parts",))
+    frames = known.get("frames")
+    if not isinstance(frames, int) or isinstance(frames, bool) or not 0 < frames <= MAX_FRAMES:
+        raise InputError(f"{out}: expected a number of frames in plan.json, got {shortened(frames)}")
+    return frames
+
+
+def _difference(there: Any, plan: Plan) -> str:
+    """What of two plans differs, by name."""
+    now = json.loads(plan.to_json())
+    names = [name for name in now if not isinstance(there, dict) or there.get(name) != now[name]]
+    return f"other data or settings: {', '.join(names)}"
 
 
 def _part_path(out: Path, part: Part) -> Path:

@@ -134,7 +134,8 @@ def map_recording(
     config = config or Config()
     if out is None:
         return _mapped(recording, config, segmenter, None, on_step)
-    from swardmap.io.files import new_output_folder, refuse_to_replace
+    from swardmap.io.files import refuse_to_replace
+    from swardmap.io.folders import new_output_folder
 
     if isinstance(recording, (str, Path)):
         refuse_to_replace(recording, out)

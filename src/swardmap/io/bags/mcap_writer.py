@@ -5,11 +5,9 @@ does not grow with the length. A file has its name only when it is whole.
 """
 
 import os
-import uuid
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from shutil import rmtree
 from typing import Any
 
 from swardmap.errors import InputError, OutputError
@@ -17,6 +15,7 @@ from swardmap.geometry import Intrinsics
 from swardmap.io import FrameSource
 from swardmap.io.bags.record_messages import Message, RecordOptions, frame_messages, latched_messages
 from swardmap.io.bags.ros_fields import rosbags_message
+from swardmap.io.staging import staged_folder, sweep
 from swardmap.types import Frame
 
 
@@ -62,13 +61,15 @@ def mcap_writer(
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
     path = Path(path)
+    sweep(path)
     _refuse(path, overwrite)
-    staging = path.parent / f".{path.name}.{uuid.uuid4().hex[:12]}.part"
-    # metadata of version 8 is read by ROS 2 from Iron on
-    bag = Writer(staging / path.stem, version=8, storage_plugin=StoragePlugin.MCAP)
-    bag.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-    try:
+    with ExitStack() as stack:
         with _one_error(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            staging = stack.enter_context(staged_folder(path))
+            # metadata of version 8 is read by ROS 2 from Iron on
+            bag = Writer(staging / path.stem, version=8, storage_plugin=StoragePlugin.MCAP)
+            bag.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
             bag.open()
         try:
             yield McapWriter(path, bag, options or RecordOptions())
@@ -79,8 +80,6 @@ def mcap_writer(
             with suppress(Exception):
                 bag.abort()
             raise
-    finally:
-        rmtree(staging, ignore_errors=True)
 
 
 class McapWriter:

@@ -20,7 +20,8 @@ import numpy as np
 from swardmap.config import SourceConfig
 from swardmap.errors import InputError, InvalidValueError, SwardmapError
 from swardmap.geometry import Intrinsics, Pose
-from swardmap.io.files import inside, new_output_folder, read_bytes, write_bytes, write_text
+from swardmap.io.files import inside, read_bytes, write_bytes, write_text
+from swardmap.io.folders import new_output_folder
 from swardmap.io.images import encode_png, read_color, read_depth, read_mask
 from swardmap.io.sources.source import Source, Tally
 from swardmap.labels import GRASS_OBSTACLE_PERSON, LabelClass, LabelSet
@@ -138,7 +139,7 @@ def write_folder(frames: Iterable[Frame], path: str | Path, overwrite: bool = Fa
         OutputError: if it cannot be written.
         InvalidValueError: if frames differ in their camera, or two have the same name.
     """
-    with new_output_folder(path, overwrite) as folder:
+    with new_output_folder(path, overwrite, "recording") as folder:
         first: Frame | None = None
         lines: dict[str, str] = {}
         for index, frame in enumerate(frames):
