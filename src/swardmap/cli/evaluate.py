@@ -82,6 +82,7 @@ def evaluate_command(
     from swardmap.eval.report import report_html
     from swardmap.eval.results import results
     from swardmap.eval.run import evaluate, make_plan
+    from swardmap.runs.frame_check import faults_of_records
 
     spec = DatasetSpec(dataset, chosen.source, str(clean) if clean else None, str(masks) if masks else None)
     options: dict[str, Any] = {"pose_noise": PoseNoise(*pose_noise), "with_budget": budget}
@@ -96,6 +97,7 @@ def evaluate_command(
             plan, out, workers=workers, ray_address=ray, strict=strict, overwrite=overwrite, on_done=bar.show
         )
     found = results(plan, records, margin, command="swardmap " + shlex.join(sys.argv[1:]))
+    found["faults"] = faults_of_records([record.get("looks") for record in records], chosen.watchdog)
     found["cost"] = margin_cost(found, map_file, work_area, mower_width)
     write_results(out, plan, records, found, report_html(plan, found))
     print(json.dumps(found, allow_nan=False) if as_json else summary_text(found, out))

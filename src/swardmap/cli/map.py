@@ -56,6 +56,9 @@ def map_command(
     ray: Annotated[
         str | None, typer.Option(help="Address of a Ray cluster for several recordings, or local.")
     ] = None,
+    strict: Annotated[
+        bool, typer.Option("--strict", help="Stop at a frame that the node's watchdog would refuse.")
+    ] = False,
     frames: Frames = None,
     duration: Duration = None,
     config: ConfigFile = None,
@@ -79,7 +82,7 @@ def map_command(
     if len(sources) > 1:
         if frames or duration or resume_map:
             raise typer.BadParameter("--frames, --duration and --resume-map are for one recording")
-        _map_many(sources, out, chosen, workers, ray, overwrite, as_json)
+        _map_many(sources, out, chosen, workers, ray, overwrite, strict, as_json)
         return
     (source,) = sources
     from swardmap.io import is_live, open_source
@@ -95,7 +98,7 @@ def map_command(
         if live:  # a recording that is stopped is an interrupted run; a camera has no other end
             stack.enter_context(until_stopped(given))
         bar = stack.enter_context(Progress("mapping", "mapped", given.frame_count, as_json))
-        run = map_recording(given, out, chosen, overwrite=overwrite, on_step=bar.step)
+        run = map_recording(given, out, chosen, overwrite=overwrite, on_step=bar.step, strict=strict)
     print(json.dumps(run.summary, indent=2) if as_json else report(run.summary, out))
     tell_how_it_ended(given, live, run.totals.frames, out)
 
@@ -107,6 +110,7 @@ def _map_many(
     workers: int | None,
     ray: str | None,
     overwrite: bool,
+    strict: bool,
     as_json: bool,
 ) -> None:
     """A map each; says at the end which could not be made.
@@ -118,7 +122,14 @@ def _map_many(
 
     with Progress("mapping", "mapped", quiet=as_json, things="recordings") as bar:
         found = map_recordings(
-            sources, out, config, workers=workers, ray_address=ray, overwrite=overwrite, on_done=bar.show
+            sources,
+            out,
+            config,
+            workers=workers,
+            ray_address=ray,
+            overwrite=overwrite,
+            strict=strict,
+            on_done=bar.show,
         )
     made: dict[str, Any] = found["recordings"]
     failed = [name for name, facts in made.items() if "error" in facts]
@@ -145,20 +156,6 @@ def _cells_text(facts: dict[str, Any]) -> str:
 
 def report(summary: dict[str, Any], out: Path) -> str:
     """What a person wants to know after a run, in a few lines."""
-    found = summary["map"]
-    lines = [f"{summary['frames']} frames mapped with '{summary['segmenter']}'"]
-    left_out = {reason: n for reason, n in summary["skipped"].items() if n}
-    if left_out:
-        lines.append("left out: " + ", ".join(f"{n} x {reason}" for reason, n in left_out.items()))
-    if found is None:
-        lines.append("no poses: each frame has a map of its own in maps/")
-    else:
-        cells: dict[str, int] = found["cells"]
-        width, height = found["size_cells"]
-        lines.append(
-            f"map {width} x {height} cells of {found['resolution_m']:g} m: {cells['grass']} grass, "
-            f"{cells['obstacle']} obstacle, {cells['person']} person, {cells['unknown']} unknown"
-        )
-    stages = ", ".join(f"{stage} {t['p50']:.1f}" for stage, t in summary["timings_ms"].items())
-    lines += [f"median milliseconds a frame: {stages}", f"results in {out}"]
-    return "\n".join(lines)
+    from swardmap.runs.summary import report_lines
+
+    return "\n".join([*report_lines(summary), f"results in {out}"])

@@ -56,7 +56,7 @@ class Progress:
             self._start, self._printed_s = (now, done), now
         if self._quiet:
             return
-        if sys.stderr.isatty():
+        if sys.stderr is not None and sys.stderr.isatty():
             self._show_bar()
         elif done == total or now - self._printed_s >= LINE_EVERY_S:
             of = "?" if total is None else total

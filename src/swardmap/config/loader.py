@@ -40,7 +40,8 @@ def load(
     tree: dict[str, Any] = {}
     if file is not None:
         merge(tree, read_yaml(file), str(file))
-    by_environment = dict(_settings_of({*earlier, *(f.name for f in fields(cls))}, environment or {}))
+    known = {*earlier, *(f.name for f in fields(cls))}  # type: ignore[arg-type]
+    by_environment = dict(_settings_of(known, environment or {}))
     for name, keys in by_environment.items():
         merge_text(tree, keys, (environment or {})[name], f"environment variable {name}")
     merge_overrides(tree, overrides)

@@ -17,9 +17,11 @@ from pathlib import Path
 from typing import Any
 
 from swardmap.config import Config
-from swardmap.errors import InputError, SwardmapError, one_line, shortened
+from swardmap.errors import InputError, shortened
 from swardmap.eval.dataset import DatasetSpec, count_frames, open_dataset
 from swardmap.eval.frame import Plan, evaluate_part
+from swardmap.io.door import parse_json, reading
+from swardmap.io.files import read_bytes, write_text
 from swardmap.pipeline import configured_mount
 from swardmap.runs.parallel import OnDone, Tick, each_part
 from swardmap.runs.plan_folder import open_plan_folder, read_plan_file
@@ -28,6 +30,7 @@ from swardmap.runs.versions import network_digest
 Part = tuple[int, int]
 
 MAX_FRAMES = 100_000_000
+MAX_PART_BYTES = 2**28
 
 
 def make_plan(dataset: DatasetSpec, config: Config | None = None, **options: Any) -> Plan:
@@ -112,11 +115,10 @@ def read_records(out: Path, total: int) -> list[dict[str, Any]]:
     """
     records = []
     for part in parts_of(total):
-        path = _part_path(out, part)
         try:
-            records += [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
-        except (OSError, ValueError) as error:
-            raise InputError(f"cannot read {path}: {error}; run the same command again") from error
+            records += _read_part(out, part)
+        except InputError as error:
+            raise InputError(f"{error}; run the same command again") from error
     if [r["index"] for r in records] != list(range(total)):
         raise InputError(f"{out}: expected {total} frames, each once; run again with --overwrite")
     return records
@@ -128,13 +130,13 @@ def read_plan(out: Path) -> tuple[Plan, int]:
     Raises:
         InputError: if the folder holds none.
     """
+    what = "a folder that `swardmap evaluate` wrote"
     try:
         plain = read_plan_file(out)
+    except InputError as error:
+        raise InputError(f"{out}: expected {what} ({error})") from error
+    with reading(out, what):
         return Plan.from_json(json.dumps(plain["plan"])), int(plain["frames"])
-    except (SwardmapError, ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
-        raise InputError(
-            f"{out}: expected a folder that `swardmap evaluate` wrote ({one_line(error)})"
-        ) from error
 
 
 def _prepare(plan: Plan, out: Path, overwrite: bool) -> int:
@@ -167,18 +169,21 @@ def _part_path(out: Path, part: Part) -> Path:
     return out / "parts" / f"{part[0]:07d}-{part[1]:07d}.jsonl"
 
 
-def _write_part(out: Path, part: Part, text: str) -> None:
-    from swardmap.io.files import write_text
+def _read_part(out: Path, part: Part) -> list[dict[str, Any]]:
+    path = _part_path(out, part)
+    lines = read_bytes(path, MAX_PART_BYTES).splitlines()
+    return [parse_json(line, path, {"index": int}) for line in lines]
 
+
+def _write_part(out: Path, part: Part, text: str) -> None:
     write_text(_part_path(out, part), text)
 
 
 def _is_whole(out: Path, part: Part) -> bool:
     """Whether a part is there with every frame; one that was damaged from outside is done again."""
     try:
-        lines = _part_path(out, part).read_text(encoding="utf-8").splitlines()
-        return [json.loads(line)["index"] for line in lines] == list(range(*part))
-    except (OSError, ValueError, KeyError, TypeError):
+        return [record["index"] for record in _read_part(out, part)] == list(range(*part))
+    except InputError:
         return False
 
 
@@ -187,6 +192,9 @@ def _stop_at_error(text: str) -> None:
         record = json.loads(line)
         if "error" in record:
             raise InputError(f"frame {record['index']}: {record['error']} (--strict stops here)")
+        if record.get("looks", {}).get("faults"):
+            faults = ", ".join(record["looks"]["faults"])
+            raise InputError(f"frame {record['index']}: {faults} (--strict stops here)")
 
 
 def _work(plan: Plan, part: Part, _: Tick) -> str:

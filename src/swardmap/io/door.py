@@ -11,16 +11,21 @@ import json
 import types
 import typing
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from functools import wraps
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swardmap.errors import InputError, SwardmapError, one_line, shortened
 from swardmap.io.files import read_bytes
+from swardmap.types import Frame
+
+Given = ParamSpec("Given")
+Found = TypeVar("Found")
 
 MAX_JSON_BYTES = 2**28
 MAX_UNPACKED_BYTES = 2**30
@@ -56,6 +61,53 @@ def reading(name: str | Path, what: str = "a readable file") -> Iterator[None]:
         raise InputError(f"{name}: expected {what} with {missing}, which is missing") from error
     except Exception as error:
         raise InputError(f"{name}: expected {what}, got: {one_line(error, 150)}") from error
+
+
+def through_door(what: str) -> Callable[[Callable[Given, Found]], Callable[Given, Found]]:
+    """For a reader whose first argument is a path: any exception that is none of ours becomes an InputError.
+
+    Args:
+        what: it reads, for the message.
+    """
+
+    def decorate(reader: Callable[Given, Found]) -> Callable[Given, Found]:
+        @wraps(reader)
+        def through(*args: Given.args, **kwargs: Given.kwargs) -> Found:
+            try:
+                return reader(*args, **kwargs)
+            except SwardmapError:
+                raise
+            except Exception:
+                with reading(one_line(args[0] if args else next(iter(kwargs.values()))), what):
+                    raise
+                raise  # for the type checker: `reading` never lets an exception be
+
+        return through
+
+    return decorate
+
+
+def frames_of(source: Iterable[Frame], name: str) -> Iterator[Frame]:
+    """The frames of a source; whatever its reader raises becomes an InputError.
+
+    Args:
+        source: of frames.
+        name: of the source, for the message.
+    """
+    with reading(name, "a recording"):
+        frames = iter(source)
+    while True:
+        try:
+            frame = next(frames, None)
+        except SwardmapError:
+            raise
+        except Exception:
+            with reading(name, "a recording"):
+                raise
+            raise  # as above
+        if frame is None:
+            return
+        yield frame
 
 
 def parse_yaml(content: bytes | str, name: str | Path) -> Any:

@@ -36,6 +36,7 @@ def map_recordings(
     workers: int | None = None,
     ray_address: str | None = None,
     overwrite: bool = False,
+    strict: bool = False,
     on_done: OnDone | None = None,
 ) -> dict[str, Any]:
     """Map each recording into a folder of its own, or go on where an earlier run stopped.
@@ -47,6 +48,7 @@ def map_recordings(
         workers: processes; None = one a core, 1 = this one.
         ray_address: Ray cluster to use in place of processes.
         overwrite: throw away what `out` holds, and begin anew.
+        strict: a recording with a frame that the node's watchdog would refuse is not mapped.
         on_done: told how many recordings are done.
 
     Returns:
@@ -60,7 +62,12 @@ def map_recordings(
     named = _named(recordings)
     for _, location in named:
         refuse_to_replace(location, out)
-    plan = {"recordings": dict(named), "config": config_to_dict(config), "network": network_digest(config)}
+    plan = {
+        "recordings": dict(named),
+        "config": config_to_dict(config),
+        "network": network_digest(config),
+        "strict": strict,
+    }
 
     def difference(before: Mapping[str, Any]) -> str:
         return ", ".join(key for key in plan if before.get(key) != plan[key])
@@ -71,7 +78,7 @@ def map_recordings(
     if on_done is not None:
         on_done(done, len(named))
     one = replace(config, segmenter=replace(config.segmenter, threads=1))  # a core for each recording
-    for (name, _), error in each_part(partial(_map_one, one, out), todo, workers, ray_address):
+    for (name, _), error in each_part(partial(_map_one, one, out, strict), todo, workers, ray_address):
         if error:
             errors[name] = error
         done += 1
@@ -97,11 +104,11 @@ def _named(recordings: Sequence[str | Path]) -> list[Recording]:
     return list(named.items())
 
 
-def _map_one(config: Config, out: Path, recording: Recording, tick: Tick) -> str:
+def _map_one(config: Config, out: Path, strict: bool, recording: Recording, tick: Tick) -> str:
     """Map one; empty, or why it cannot be mapped."""
     name, location = recording
     try:
-        map_recording(location, out / name, config, overwrite=True, on_step=lambda _: tick())
+        map_recording(location, out / name, config, overwrite=True, on_step=lambda _: tick(), strict=strict)
     except SwardmapError as error:
         return one_line(error)
     return ""

@@ -15,6 +15,7 @@ from swardmap.geometry import Intrinsics
 from swardmap.io import FrameSource
 from swardmap.io.bags.record_messages import Message, RecordOptions, frame_messages, latched_messages
 from swardmap.io.bags.ros_fields import rosbags_message
+from swardmap.io.door import frames_of
 from swardmap.io.staging import staged_folder, sweep
 from swardmap.types import Frame
 
@@ -33,7 +34,7 @@ def record(
         OutputError: as `mcap_writer`.
     """
     with mcap_writer(path, options, overwrite) as writer:
-        for frame in source:
+        for frame in frames_of(source, source.name):
             writer.write(frame)
             if on_frame is not None:
                 on_frame(frame)
