@@ -82,6 +82,7 @@ def evaluate_command(
     from swardmap.eval.report import report_html
     from swardmap.eval.results import results
     from swardmap.eval.run import evaluate, make_plan
+    from swardmap.io.door import reading
     from swardmap.runs.frame_check import faults_of_records
 
     spec = DatasetSpec(dataset, chosen.source, str(clean) if clean else None, str(masks) if masks else None)
@@ -96,7 +97,8 @@ def evaluate_command(
         records = evaluate(
             plan, out, workers=workers, ray_address=ray, strict=strict, overwrite=overwrite, on_done=bar.show
         )
-    found = results(plan, records, margin, command="swardmap " + shlex.join(sys.argv[1:]))
+    with reading(out, "whole records of an evaluation"):
+        found = results(plan, records, margin, command="swardmap " + shlex.join(sys.argv[1:]))
     found["faults"] = faults_of_records([record.get("looks") for record in records], chosen.watchdog)
     found["cost"] = margin_cost(found, map_file, work_area, mower_width)
     write_results(out, plan, records, found, report_html(plan, found))

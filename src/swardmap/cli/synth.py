@@ -92,13 +92,11 @@ def lights_of(words: list[str]) -> tuple[str, ...]:
 
 
 def _census(out: Path, as_json: bool) -> None:
-    from swardmap.io.door import reading
-    from swardmap.synth.census import census, census_text, read_facts
+    from swardmap.synth.census import census_of, census_text
 
     if not out.is_dir():
         raise InputError(f"no such folder: {out}")
-    with reading(out, "facts of gardens"):
-        found = census(read_facts(out))
+    found = census_of(out)
     print(json.dumps(found, indent=2) if as_json else census_text(found))
 
 

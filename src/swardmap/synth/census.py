@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from swardmap.errors import InputError
-from swardmap.io.door import parse_json
+from swardmap.io.door import parse_json, through_door
 from swardmap.io.files import read_bytes
 from swardmap.labels import GRASS_OBSTACLE_PERSON, PERSON
 from swardmap.synth.model import Thing, View
@@ -74,6 +74,16 @@ def read_facts(out: Path) -> Iterator[tuple[str, dict[str, Any]]]:
     for file in files:
         for line in read_bytes(file, MAX_FACTS_BYTES).splitlines():
             yield file.parent.name, parse_json(line, file, FACTS_SHAPE)
+
+
+@through_door("facts of gardens")
+def census_of(out: Path) -> dict[str, Any]:
+    """The census of a folder that `swardmap synth` wrote.
+
+    Raises:
+        InputError: if there is none, or a file is damaged.
+    """
+    return census(read_facts(out))
 
 
 def census(facts: Iterable[tuple[str, Facts]]) -> dict[str, Any]:
