@@ -174,7 +174,7 @@ def test_wrong_use_is_one_clear_error(recording: Path, tmp_path: Path) -> None:
         )
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "letter.txt").write_text("mine")
-    with pytest.raises(OutputError, match="holds no evaluation"):
+    with pytest.raises(OutputError, match="was not made by swardmap"):
         run("evaluate", recording, "-o", tmp_path / "full")
     with pytest.raises(InputError, match="swardmap evaluate"):
         run("compare", tmp_path / "full", tmp_path / "full")

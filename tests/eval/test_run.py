@@ -82,7 +82,7 @@ def test_another_plan_is_never_mixed_in(tmp_path: Path) -> None:
     stranger = tmp_path / "stranger"
     stranger.mkdir()
     (stranger / "thesis.txt").write_text("mine")
-    with pytest.raises(OutputError, match="holds no evaluation"):
+    with pytest.raises(OutputError, match="was not made by swardmap"):
         evaluate(other, stranger, workers=1, overwrite=True)
     assert (stranger / "thesis.txt").read_text() == "mine"
 
@@ -118,14 +118,14 @@ def test_a_process_that_dies_is_one_clear_error_and_what_is_finished_is_kept(
 ) -> None:
     plan = small_plan("analytic:scenes=4,frames=8,width=96")
     expected = evaluate(plan, tmp_path / "alone", workers=1)
-    monkeypatch.setattr("swardmap.eval.run._start_worker", _die_at_once)
-    with pytest.raises(InputError, match="died, perhaps for want of memory"):
+    monkeypatch.setattr("swardmap.runs.parallel._start_worker", _die_at_once)
+    with pytest.raises(OutputError, match="died, perhaps for want of memory"):
         evaluate(plan, tmp_path / "run", workers=2)
     monkeypatch.undo()
     assert evaluate(plan, tmp_path / "run", workers=2) == expected
 
 
-def _die_at_once(_: int) -> None:
+def _die_at_once(*_: object) -> None:
     os._exit(1)
 
 

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from swardmap.cli.options import ConfigFile, Json, Overwrite, Settings, settings
+from swardmap.cli.progress import Progress
 
 EXAMPLES = """\b
 Examples:
@@ -81,6 +82,8 @@ def evaluate_command(
     from swardmap.eval.report import report_html
     from swardmap.eval.results import results
     from swardmap.eval.run import evaluate, make_plan
+    from swardmap.io.door import reading
+    from swardmap.runs.frame_check import faults_of_records
 
     spec = DatasetSpec(dataset, chosen.source, str(clean) if clean else None, str(masks) if masks else None)
     options: dict[str, Any] = {"pose_noise": PoseNoise(*pose_noise), "with_budget": budget}
@@ -90,11 +93,13 @@ def evaluate_command(
         options["protocols"] = tuple(protocol)
     margin = MarginOptions(share, confidence, unit, population)
     plan = make_plan(spec, chosen, **options)
-    with _Bar(quiet=as_json) as on_done:
+    with Progress("evaluating", "evaluated", quiet=as_json) as bar:
         records = evaluate(
-            plan, out, workers=workers, ray_address=ray, strict=strict, overwrite=overwrite, on_done=on_done
+            plan, out, workers=workers, ray_address=ray, strict=strict, overwrite=overwrite, on_done=bar.show
         )
-    found = results(plan, records, margin, command="swardmap " + shlex.join(sys.argv[1:]))
+    with reading(out, "whole records of an evaluation"):
+        found = results(plan, records, margin, command="swardmap " + shlex.join(sys.argv[1:]))
+    found["faults"] = faults_of_records([record.get("looks") for record in records], chosen.watchdog)
     found["cost"] = margin_cost(found, map_file, work_area, mower_width)
     write_results(out, plan, records, found, report_html(plan, found))
     print(json.dumps(found, allow_nan=False) if as_json else summary_text(found, out))
@@ -128,37 +133,3 @@ def summary_text(found: dict[str, Any], out: Path) -> str:
     else:
         lines.append(f"margin: {margin['margin_m']:.3f} m, see {out / 'margin.yaml'}")
     return "\n".join([*lines, f"report: {out / 'report.html'}"])
-
-
-class _Bar:
-    """A progress bar on a terminal, plain lines when not."""
-
-    def __init__(self, quiet: bool) -> None:
-        self._quiet, self._printed = quiet, -1
-        self._bar: Any = None
-
-    def __enter__(self) -> Any:
-        return self._show
-
-    def __exit__(self, *_: object) -> None:
-        if self._bar is not None:
-            self._bar.stop()
-
-    def _show(self, done: int, total: int) -> None:
-        if self._quiet:
-            return
-        if not sys.stderr.isatty():
-            tenth = 10 * done // total
-            if tenth > self._printed:
-                print(f"evaluated {done} of {total} frames", file=sys.stderr)
-                self._printed = tenth
-            return
-        if self._bar is None:
-            from rich.console import Console
-            from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-            columns = (TextColumn("evaluating"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-            self._bar = Progress(*columns, console=Console(stderr=True))
-            self._bar.start()
-            self._task = self._bar.add_task("frames", total=total)
-        self._bar.update(self._task, completed=done)

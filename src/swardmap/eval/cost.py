@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from swardmap.errors import InputError, InvalidValueError
 from swardmap.grid import GridSpec, OccupancyGrid
+from swardmap.io.door import parse_yaml, through_door
 from swardmap.labels import MapClass
 
 EIGHT = np.ones((3, 3), np.bool_)
@@ -107,6 +108,7 @@ def squared_distance(cells: NDArray[np.bool_]) -> NDArray[np.int64]:
     return squared
 
 
+@through_door("a polygon")
 def read_work_area(path: str | Path) -> NDArray[np.float64]:
     """Corners of a work area from a YAML file: `polygon_m: [[x, y], ...]` in the map's frame.
 
@@ -118,7 +120,7 @@ def read_work_area(path: str | Path) -> NDArray[np.float64]:
     from swardmap.io.files import read_bytes
 
     try:
-        tree = yaml.safe_load(read_bytes(path, limit=10_000_000))
+        tree = parse_yaml(read_bytes(path, limit=10_000_000), path)
         corners = np.asarray(tree["polygon_m"], np.float64)
     except (yaml.YAMLError, UnicodeDecodeError, TypeError, KeyError, ValueError) as error:
         raise InputError(

@@ -19,6 +19,7 @@ from swardmap.eval.maps import PROTOCOLS, FrameMaps, MapComparison, at_resolutio
 from swardmap.geometry import Pose
 from swardmap.labels import LabelSet
 from swardmap.models import build_segmenter
+from swardmap.runs.frame_check import looks_of
 from swardmap.segmenter import Segmenter
 from swardmap.types import Frame, Segmentation
 
@@ -164,6 +165,7 @@ def evaluate_frame(plan: Plan, numbered: Numbered, segmenter: Segmenter) -> dict
         "index": numbered.index,
         "name": frame.name,
         "tags": {str(k): str(v) for k, v in sorted(frame.tags.items())},
+        "looks": looks_of(frame, frame.T_map_camera, plan.config.watchdog),
         "mask": confusion_of_masks(truth, called, segmentation.label_set).to_dict(),
         "maps": maps,
         "missed": missed,

@@ -40,15 +40,15 @@ def write_results(
         OutputError: if one cannot be written.
     """
     tables = paper_tables(results)
+    for name in ("results.json", "margin.yaml"):  # of an earlier run; both must not stand beside what follows
+        (out / name).unlink(missing_ok=True)
     write_text(out / "config.yaml", config_to_yaml(plan.config))
     write_text(out / "metrics.csv", _csv(METRIC_HEAD, metric_rows(results)))
     write_text(out / "frames.csv", _csv(FRAME_HEAD, (frame_row(r, plan.main) for r in records)))
     write_text(out / "tables.md", markdown(tables))
     write_text(out / "tables.tex", latex(tables))
     margin = results["margin"]
-    if margin["margin_m"] is None:  # a margin of an earlier run must not stand beside a refusal
-        (out / "margin.yaml").unlink(missing_ok=True)
-    else:
+    if margin["margin_m"] is not None:
         text = margin_text(Margin(margin["margin_m"], margin["person_margin_m"]), margin["statement"])
         write_text(out / "margin.yaml", text)
     if html is not None:

@@ -11,6 +11,7 @@ from typing import Protocol, runtime_checkable
 
 from swardmap.config import Config, SourceConfig
 from swardmap.errors import ConfigError, InputError, SwardmapError
+from swardmap.io.door import through_door
 from swardmap.labels import LabelSet
 from swardmap.types import Frame
 
@@ -108,6 +109,7 @@ def is_live(location: str | Path) -> bool:
     return bool(colon) and kind in LIVE
 
 
+@through_door("a recording")
 def open_source(location: str | Path, config: SourceConfig | Config | None = None) -> FrameSource:
     """Open a recording, whatever kind it is, or a live camera.
 

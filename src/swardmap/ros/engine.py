@@ -182,7 +182,7 @@ class Engine:
             InputError: if there is no map yet.
             OutputError: if it cannot be written.
         """
-        from swardmap.io.files import new_output_folder
+        from swardmap.io.folders import new_output_folder
         from swardmap.runs.files import RunWriter
 
         grid = self.snapshot(None)

@@ -81,7 +81,7 @@ class RunWriter:
         from swardmap.viz.pictures import costmap_picture, map_picture
 
         if log_odds is not None:
-            write_living(log_odds, self._folder / "living.npz")
+            write_living(log_odds, self._folder / "living.npz", self._config)
         if grid is not None and costmap is not None:
             write_map(grid, self._folder / "map.yaml")
             write_costmap(costmap, self._folder / "costmap.yaml")

@@ -22,6 +22,7 @@ import numpy as np
 from swardmap.config import SourceConfig
 from swardmap.errors import InputError, OutputError
 from swardmap.grid import OccupancyGrid
+from swardmap.io.door import read_json
 from swardmap.io.files import read_bytes, write_bytes, write_text
 from swardmap.io.images import encode_png
 from swardmap.io.maps.map_files import write_map
@@ -35,6 +36,7 @@ from swardmap.synth.sequence import GardenSource, Shot, to_millimetres
 from swardmap.synth.truth import frame_map
 from swardmap.types import Frame
 
+MAX_MARKER_BYTES = 10_000
 COMPLETE_FILE, META_FILE = "complete.json", "meta.json"
 LINKED = ("rgb", "labels", folder.POSES_FILE)
 """What `exact/` shares with the recording it lies in."""
@@ -48,9 +50,9 @@ def folder_of(out: Path, scene: str, light: str) -> Path:
 def is_complete(out: Path, scene: str, light: str, frames: int) -> bool:
     """Whether a sequence is there, whole, with so many frames."""
     try:
-        marker = json.loads((folder_of(out, scene, light) / COMPLETE_FILE).read_text(encoding="utf-8"))
-        return int(marker["frames"]) == frames
-    except (OSError, ValueError, KeyError, TypeError):
+        marker = read_json(folder_of(out, scene, light) / COMPLETE_FILE, {"frames": int}, MAX_MARKER_BYTES)
+        return bool(marker["frames"] == frames)
+    except InputError:
         return False
 
 

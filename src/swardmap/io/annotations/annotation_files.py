@@ -24,6 +24,7 @@ from swardmap.io.annotations.masks import (
     read_mask_image,
 )
 from swardmap.io.clouds.cloud_files import label_points, read_points
+from swardmap.io.door import through_door
 from swardmap.io.files import inside, read_bytes
 from swardmap.labels import GRASS_OBSTACLE_PERSON, LabelSet
 from swardmap.types import LabeledCloud
@@ -42,6 +43,7 @@ Classes = Mapping[str, str] | None
 MAX_TEXT_BYTES = 50_000_000
 
 
+@through_door("masks")
 def read_masks(path: str | Path, target: LabelSet = GRASS_OBSTACLE_PERSON, classes: Classes = None) -> Masks:
     """Read the masks of any tool known here, told apart by the files there are.
 
@@ -69,6 +71,7 @@ def read_masks(path: str | Path, target: LabelSet = GRASS_OBSTACLE_PERSON, class
     )
 
 
+@through_door("masks of CVAT")
 def read_cvat_masks(
     folder: str | Path, target: LabelSet = GRASS_OBSTACLE_PERSON, classes: Classes = None
 ) -> Masks:
@@ -88,6 +91,7 @@ def read_cvat_masks(
     return Masks(target, {str(f.relative_to(images).with_suffix("")): partial(read, f) for f in files})
 
 
+@through_door("masks of CamVid")
 def read_camvid(
     folder: str | Path, target: LabelSet = GRASS_OBSTACLE_PERSON, classes: Classes = None
 ) -> Masks:
@@ -109,6 +113,7 @@ def read_camvid(
     return Masks(target, readers)
 
 
+@through_door("an annotated cloud")
 def read_annotated_cloud(
     cloud: str | Path,
     names: str | Path,
@@ -152,7 +157,8 @@ def _indexed_mask(file: Path, colors: Mapping[str, Color | None], ids: Mapping[s
     table = np.array([ids[name] for name in colors], np.uint8)
     if image.max() >= len(table):
         raise InputError(f"{file}: index {image.max()} is beyond the {len(table)} classes")
-    return table[image]
+    mask: Mask = table[image]
+    return mask
 
 
 def _parse_labelmap(file: Path) -> dict[str, Color | None]:

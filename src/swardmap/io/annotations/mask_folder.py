@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from swardmap.io.annotations.masks import Masks
-from swardmap.io.files import inside, new_output_folder, write_bytes, write_text
+from swardmap.io.files import inside, write_bytes, write_text
+from swardmap.io.folders import new_output_folder
 from swardmap.labels import LabelSet
 
 
@@ -26,7 +27,7 @@ def write_masks(masks: Masks, folder: str | Path, overwrite: bool = False) -> di
     import cv2
 
     counts = np.zeros(256, np.int64)
-    with new_output_folder(folder, overwrite) as out:
+    with new_output_folder(folder, overwrite, "masks") as out:
         for name, mask in masks.items():
             encoded = cv2.imencode(".png", mask)[1].tobytes()
             write_bytes(inside(out, f"{name}.png"), encoded, durable=False)

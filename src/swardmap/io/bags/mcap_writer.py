@@ -6,9 +6,8 @@ end. A file has its name only when it is whole.
 """
 
 import os
-import uuid
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import closing, contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,8 @@ from swardmap.geometry import Intrinsics
 from swardmap.io import FrameSource
 from swardmap.io.bags.record_messages import Message, RecordOptions, frame_messages, latched_messages
 from swardmap.io.bags.ros_fields import rosbags_message
+from swardmap.io.door import frames_of
+from swardmap.io.staging import staged_folder, sweep
 from swardmap.types import Frame
 
 CHUNK_BYTES = 2**20
@@ -49,7 +50,7 @@ def record(
         OutputError: as `mcap_writer`.
     """
     with mcap_writer(path, options, overwrite) as writer:
-        for frame in source:
+        for frame in frames_of(source, source.name):
             writer.write(frame)
             if on_frame is not None:
                 on_frame(frame)
@@ -77,29 +78,23 @@ def mcap_writer(
     from mcap.writer import CompressionType, Writer
 
     path = Path(path)
+    sweep(path)
     _refuse(path, overwrite)
-    staging = path.parent / f".{path.name}.{uuid.uuid4().hex[:12]}.part"
-    try:
+    with ExitStack() as stack:
         with _one_error(path):
             path.parent.mkdir(parents=True, exist_ok=True)
-            file = staging.open("xb")
-        with closing(file):
-            bag = Writer(
-                file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD, enable_data_crcs=True
-            )
-            with _one_error(path):
-                bag.start(profile="ros2", library=f"swardmap {__version__}")
-            writer = McapWriter(path, bag, options or RecordOptions())
-            yield writer
-            with _one_error(path):
-                writer.finish()
-                file.flush()
-                os.fsync(file.fileno())
+            staging = stack.enter_context(staged_folder(path)) / path.name
+            file = stack.enter_context(staging.open("xb"))
+        bag = Writer(file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD, enable_data_crcs=True)
         with _one_error(path):
+            bag.start(profile="ros2", library=f"swardmap {__version__}")
+        writer = McapWriter(path, bag, options or RecordOptions())
+        yield writer
+        with _one_error(path):
+            writer.finish()
+            file.flush()
+            os.fsync(file.fileno())
             _publish(staging, path)
-    finally:
-        with suppress(OSError):
-            staging.unlink(missing_ok=True)
 
 
 class McapWriter:

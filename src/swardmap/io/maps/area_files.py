@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from swardmap.config import AreaConfig
 from swardmap.errors import InputError, InvalidValueError
+from swardmap.io.door import through_door
 from swardmap.io.files import read_bytes
 from swardmap.mapping.work_area import Polygon, Role, WorkArea, projected
 
@@ -42,6 +43,7 @@ def read_area(config: AreaConfig) -> WorkArea | None:
         raise InputError(f"{config.file}: {error}") from error
 
 
+@through_door("GeoJSON or KML")
 def read_polygons(path: str | Path) -> tuple[tuple[Polygon, ...], dict[str, int]]:
     """Read the polygons of a GeoJSON or KML file; which one it is shows in its first character.
 

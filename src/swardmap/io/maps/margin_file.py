@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from swardmap.errors import InputError, InvalidValueError
+from swardmap.io.door import parse_yaml, through_door
 
 LARGEST_M = 10.0
 """A margin beyond this is a mistake in a unit."""
@@ -40,6 +41,7 @@ def margin_text(margin: Margin, statement: str) -> str:
     return f"{comment}\n\ncostmap:\n  margin_m: {float(margin.margin_m)!r}\n  person_margin_m: {person}\n"
 
 
+@through_door("a margin")
 def read_margin(path: str | Path) -> Margin:
     """Read a margin file.
 
@@ -51,7 +53,7 @@ def read_margin(path: str | Path) -> Margin:
     from swardmap.io.files import read_bytes
 
     try:
-        tree = yaml.safe_load(read_bytes(path, limit=1_000_000).decode("utf-8"))
+        tree = parse_yaml(read_bytes(path, limit=1_000_000), path)
     except (UnicodeDecodeError, yaml.YAMLError) as error:
         raise InputError(f"{path}: expected a margin file, got something else ({error})") from error
     section = tree.get("costmap") if isinstance(tree, dict) else None

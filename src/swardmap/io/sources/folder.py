@@ -20,7 +20,9 @@ import numpy as np
 from swardmap.config import SourceConfig
 from swardmap.errors import InputError, InvalidValueError, SwardmapError
 from swardmap.geometry import Intrinsics, Pose
-from swardmap.io.files import inside, new_output_folder, read_bytes, write_bytes, write_text
+from swardmap.io.door import parse_yaml
+from swardmap.io.files import inside, read_bytes, write_bytes, write_text
+from swardmap.io.folders import new_output_folder
 from swardmap.io.images import encode_png, read_color, read_depth, read_mask
 from swardmap.io.sources.source import Source, Tally
 from swardmap.labels import GRASS_OBSTACLE_PERSON, LabelClass, LabelSet
@@ -138,7 +140,7 @@ def write_folder(frames: Iterable[Frame], path: str | Path, overwrite: bool = Fa
         OutputError: if it cannot be written.
         InvalidValueError: if frames differ in their camera, or two have the same name.
     """
-    with new_output_folder(path, overwrite) as folder:
+    with new_output_folder(path, overwrite, "recording") as folder:
         first: Frame | None = None
         lines: dict[str, str] = {}
         for index, frame in enumerate(frames):
@@ -213,7 +215,7 @@ def _read_camera(file: Path, depth_unit_m: float | None) -> Camera:
     import yaml
 
     try:
-        tree = yaml.safe_load(read_bytes(file, 2**20))
+        tree = parse_yaml(read_bytes(file, 2**20), file)
     except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError) as error:
         raise InputError(f"{file}: expected YAML, got: {str(error).splitlines()[0]}") from error
     if not isinstance(tree, dict):

@@ -6,13 +6,13 @@
 Frames are named as EDEN's are (SCENE-LIGHT-FRAME), so that `--clean OUT/eden` finds the exact depth of each.
 """
 
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from swardmap.config import SourceConfig
 from swardmap.errors import InputError
+from swardmap.io.door import read_json
 from swardmap.io.sources import folder
 from swardmap.io.sources.eden_layout import LIGHTS, SCENE
 from swardmap.io.sources.source import Source, Tally
@@ -104,9 +104,14 @@ def open_source(path: Path, config: SourceConfig) -> Source:
     return Source(path.resolve().name, len(gardens.indices), GRASS_OBSTACLE_PERSON, gardens.frames, tally)
 
 
+MAX_FRAMES = 100_000
+"""Of a sequence: EDEN numbers them with five digits."""
+
+
 def _frames_of(sequence: Path) -> int:
     """How many frames a sequence holds; 0 = it is not whole."""
     try:
-        return max(0, int(json.loads((sequence / COMPLETE_FILE).read_text(encoding="utf-8"))["frames"]))
-    except (OSError, ValueError, KeyError, TypeError):
+        frames: int = read_json(sequence / COMPLETE_FILE, {"frames": int}, 10_000)["frames"]
+        return max(0, min(frames, MAX_FRAMES))
+    except InputError:
         return 0
