@@ -112,8 +112,9 @@ class RunWriter:
 
 def typed_command() -> str | None:
     """The command line that is running, if it is one of swardmap."""
-    name = Path(sys.argv[0]).name if sys.argv else ""
-    return shlex.join(["swardmap", *sys.argv[1:]]) if name in ("swardmap", "__main__.py") else None
+    program = Path(sys.argv[0]) if sys.argv else Path()
+    ours = program.name == "swardmap" or program.parts[-2:] == ("swardmap", "__main__.py")
+    return shlex.join(["swardmap", *sys.argv[1:]]) if ours else None
 
 
 def _every_nth(configured: int | None, frame_count: int | None) -> int:
