@@ -128,6 +128,9 @@ def test_the_papers_tables_in_its_layout(run: Run) -> None:
     assert "| Sequence | Class | Accuracy [%] | F1 [%] |" in text
     tex = latex(tables)
     assert tex.count(r"\begin{tabular}") == tex.count(r"\end{tabular}") == len(tables)
+    labels = re.findall(r"\\label\{(.+?)\}", tex)
+    assert len(set(labels)) == len(tables)
+    assert {"tab:masks-3", "tab:dense-6", "tab:paper-10"} <= set(labels)
     assert not re.search(r"(?<!\\)%(?! needs)", tex)
     assert not re.search(r"(?<!\\)_(?!\{)", tex)
 

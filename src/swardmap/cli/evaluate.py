@@ -102,7 +102,7 @@ def evaluate_command(
 
 def summary_text(found: dict[str, Any], out: Path) -> str:
     """What a person wants to know after an evaluation, in a few lines."""
-    from swardmap.eval.tables import percent
+    from swardmap.eval.pages import percent
 
     frames, margin = found["frames"], found["margin"]
     lines = [f"{frames['evaluated']} of {frames['total']} frames evaluated with '{found['segmenter']}'"]

@@ -35,7 +35,7 @@ class Plan:
         config: of the robot: segmenter, filters, resolution.
         resolutions_m: of the maps; the first is that of the margin, the budget and the gallery.
         protocols: see `maps.PROTOCOLS`.
-        pose_noise: of the budget's last rung.
+        pose_noise: of the budget's last stage.
         with_budget: run the budget.
         seed: of the pose noise and of every bootstrap.
         T_base_camera: mount for frames without pose: 16 numbers, row by row; None = measured frame by frame.
@@ -195,7 +195,7 @@ def pose_of(plan: Plan, frame: Frame) -> Pose:
     if plan.T_base_camera is None:
         from swardmap.perception.ground_plane import estimate_mount
 
-        return estimate_mount(frame)
+        return estimate_mount(replace(frame, labels=None))  # the robot has no true labels to find its lawn by
     return Pose("base", "camera", np.array(plan.T_base_camera).reshape(4, 4))
 
 
@@ -217,7 +217,7 @@ def _budget(
     real = noisy_pose(pose, noise, plan.seed, numbered.index) if moves else None
     sides = RealAndTrue(frame, segmentation, pose, numbered.clean, real)
     tallies = budget(sides, at_resolution(plan.config, plan.resolutions_m[0]), made)
-    return {rung: tally.to_dict() for rung, tally in tallies.items()}
+    return {stage: tally.to_dict() for stage, tally in tallies.items()}
 
 
 def _places(found: MapComparison) -> list[dict[str, Any]]:

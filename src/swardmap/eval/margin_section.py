@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 from swardmap.errors import InvalidValueError
@@ -69,7 +70,7 @@ def margin_section(plan: Plan, records: Sequence[Record], options: MarginOptions
     person = claims[options.unit, options.population, "person"]
     margin = margin_of(chosen, person)
     total = total_of([tally for _, tally in tallies], resolution_m)
-    where = f"{plan.dataset.location}, segmenter {plan.segmenter_name}, maps {plan.main}"
+    where = f"{Path(plan.dataset.location).name}, segmenter {plan.segmenter_name}, maps {plan.main}"
     not_covered = not_covered_text(total)
     return {
         "options": asdict(options),

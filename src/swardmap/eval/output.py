@@ -75,10 +75,11 @@ def metric_rows(results: Mapping[str, Any]) -> Iterator[tuple[Any, ...]]:
                     yield (*where, sort, f"d_min_{name}", d_min[name], d_min["count"])
                 for q, value in d_min["quantiles_m"].items():
                     yield (*where, sort, f"d_min_q{q}_m", value, d_min["count"])
-            missed = section["missed"]
-            yield (*where, "", "missed_obstacles", missed["missed"], missed["obstacles"])
-            yield (*where, "", "missed_called_free", missed["called_free"], missed["obstacles"])
             yield (*where, "", "frames_without_hit", section["frames_without_hit"], section["frames"])
+    protocol, resolution_m = split_key(results["main"])
+    for tag, group, section in _sections(results["metrics"]):
+        for key, found in section.items():
+            yield ("metric", protocol, resolution_m, tag, group, "", key, found["value"], found["of"])
 
 
 FRAME_HEAD = (

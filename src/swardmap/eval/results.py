@@ -12,6 +12,7 @@ from swardmap.eval.confusion import ConfusionMatrix, Share
 from swardmap.eval.distances import DistanceSummary
 from swardmap.eval.frame import Plan, split_key
 from swardmap.eval.margin_section import MarginOptions, margin_section
+from swardmap.eval.metrics import Tallies, metrics_section
 from swardmap.eval.tally import RANGE_BANDS_M, MapTally, total_of
 
 Record = Mapping[str, Any]
@@ -50,6 +51,9 @@ def results(
             "unreadable": [{"index": r["index"], "error": r["error"]} for r in records if "error" in r],
         },
         "masks": _grouped(good, groups, lambda rs: mask_section(mask_total(rs)) if rs else None),
+        "metrics": _grouped(
+            good, groups, lambda rs: metrics_section(total_tallies(rs, plan.main)) if rs else None
+        ),
         "maps": {
             key: _grouped(good, groups, lambda rs, key=key: map_section(map_total(rs, key)))  # type: ignore[misc]
             for key in (good[0]["maps"] if good else ())
@@ -84,6 +88,16 @@ def map_total(records: Iterable[Record], key: str) -> MapTally:
     """The sum of the tallies of one kind of map."""
     _, resolution_m = split_key(key)
     return total_of([MapTally.from_dict(r["maps"][key], resolution_m) for r in records], resolution_m)
+
+
+def tallies_of(record: Record, key: str) -> Tallies:
+    """All that was counted of one frame with one kind of map."""
+    return total_tallies([record], key)
+
+
+def total_tallies(records: Sequence[Record], key: str) -> Tallies:
+    """The sums of all that was counted with one kind of map."""
+    return Tallies(mask_total(records), map_total(records, key))
 
 
 def mask_section(matrix: ConfusionMatrix) -> dict[str, Any]:
@@ -178,20 +192,21 @@ def summary(value: DistanceSummary) -> dict[str, Any]:
 def _budget_section(plan: Plan, records: Sequence[Record]) -> dict[str, Any]:
     if not plan.with_budget:
         return {"rows": [], "not_run": {"all": "the budget was switched off"}}
-    rungs = list(records[0]["budget"]) if records else []
+    stages = list(records[0]["budget"]) if records else []
     _, resolution_m = split_key(plan.main)
     totals = {
-        rung: total_of([MapTally.from_dict(r["budget"][rung], resolution_m) for r in records], resolution_m)
-        for rung in rungs
+        stage: total_of([MapTally.from_dict(r["budget"][stage], resolution_m) for r in records], resolution_m)
+        for stage in stages
     }
     rows = []
     for row in budget_rows(totals):
         plain = asdict(row)
+        plain["rung"] = plain.pop("stage")
         for name in ("called_free", "not_seen", "false_alarm"):
             plain[name] = share(getattr(row, name))
         rows.append(plain | {"d_min": summary(row.d_min)})
     has_pose = np.any([plan.pose_noise.xy_m, plan.pose_noise.yaw_deg, plan.pose_noise.tilt_deg])
-    return {"rows": rows, "not_run": missing_stages("depth alone" in rungs, bool(has_pose))}
+    return {"rows": rows, "not_run": missing_stages("depth alone" in stages, bool(has_pose))}
 
 
 def _grouped(
