@@ -14,7 +14,7 @@ from swardmap.eval.budget import (
     missing_stages,
     noisy_pose,
 )
-from swardmap.eval.maps import compare_maps, dense, frame_map, true_segmentation
+from swardmap.eval.maps import FrameMaps, compare_maps, spec_of, true_segmentation
 from swardmap.geometry import Pose
 from swardmap.grid import OccupancyGrid
 from swardmap.labels import GRASS_OBSTACLE_PERSON
@@ -47,6 +47,12 @@ def pose(frame: Frame) -> Pose:
     return frame.T_map_camera
 
 
+def dense(frame: Frame, config: Config) -> OccupancyGrid:
+    """The map of true labels, nothing filtered."""
+    spec = spec_of(frame, pose(frame), config)
+    return FrameMaps().dense(frame, true_segmentation(frame), pose(frame), config, spec)
+
+
 def moved(T: Pose, dx_m: float) -> Pose:
     matrix = T.matrix.copy()
     matrix[0, 3] += dx_m
@@ -69,7 +75,7 @@ def test_a_pose_off_by_n_cells_is_blamed_on_the_pose_with_the_figures_of_a_shift
     frame, n = clean_frame(), 2
     sides = RealAndTrue(frame, true_segmentation(frame), pose(frame), frame, moved(pose(frame), n * R))
     tallies = budget(sides, CONFIG)
-    reference = frame_map(frame, true_segmentation(frame), pose(frame), dense(CONFIG))
+    reference = dense(frame, CONFIG)
     shifted = OccupancyGrid(reference.spec, np.roll(reference.classes, n, axis=1))
     expected = compare_maps(reference, shifted, pose(frame).position_m[:2]).tally
     assert tallies["pose alone"] == expected
@@ -97,7 +103,7 @@ def test_a_deleted_obstacle_is_blamed_on_the_mask_and_missed_as_a_whole() -> Non
     assert (rows["+ mask"].added["missed"] or 0) >= gone - rows["processing alone"].missed
     assert rows["+ depth"].added["missed"] == rows["+ pose"].added["missed"] == 0
     # every cell of the person is missed, at its distance to the boxes
-    reference = frame_map(frame, true_segmentation(frame), pose(frame), dense(CONFIG))
+    reference = dense(frame, CONFIG)
     assert tallies["mask alone"].distances(person=True).count == (reference.classes == 3).sum()
 
 
@@ -142,8 +148,8 @@ def test_a_wall_measured_too_far_has_the_distance_of_arithmetic() -> None:
     seen_wall = int(tally.matrix.scores("obstacle").support)
     assert seen_wall > 50
     assert tally.matrix.obstacle_not_seen.count == seen_wall  # nobody sees the lawn under a wall
-    reference = frame_map(frame, true_segmentation(frame), pose(frame), dense(config))
-    predicted = frame_map(late_frame, true_segmentation(frame), pose(frame), dense(config), reference.spec)
+    reference = dense(frame, config)
+    predicted = dense(late_frame, config)
     columns = [np.unique(np.nonzero(grid.classes >= 2)[1]).tolist() for grid in (reference, predicted)]
     assert [c + 2 for c in columns[0]] == columns[1]
 

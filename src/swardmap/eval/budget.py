@@ -14,7 +14,7 @@ from swardmap.config import Config
 from swardmap.errors import InvalidValueError
 from swardmap.eval.confusion import Share
 from swardmap.eval.distances import DistanceSummary
-from swardmap.eval.maps import FrameMaps, compare_maps, dense, spec_of, true_segmentation
+from swardmap.eval.maps import FrameMaps, compare_maps, spec_of, true_segmentation
 from swardmap.eval.tally import MapTally
 from swardmap.geometry import Pose
 from swardmap.types import Frame, Segmentation
@@ -97,7 +97,7 @@ def missing_stages(has_clean_depth: bool, has_pose_noise: bool) -> dict[str, str
     """Stages that cannot be switched, and why."""
     missing = {}
     if not has_clean_depth:
-        missing["depth"] = "the data has no clean depth beside the sensor's; its errors are in every rung"
+        missing["depth"] = "the data has no clean depth beside the sensor's; its errors are in all of them"
     if not has_pose_noise:
         missing["pose"] = "the pose noise is 0"
     return missing
@@ -117,7 +117,7 @@ def budget(sides: RealAndTrue, config: Config, maps: FrameMaps | None = None) ->
     true_frame = sides.clean or sides.frame
     spec, make = spec_of(true_frame, sides.T_map_camera, config), maps or FrameMaps()
     true_mask = true_segmentation(true_frame)
-    reference = make(true_frame, true_mask, sides.T_map_camera, dense(config), spec)
+    reference = make.dense(true_frame, true_mask, sides.T_map_camera, config, spec)
     missing = missing_stages(sides.clean is not None, sides.T_real is not None)
     tallies: dict[str, MapTally] = {}
     done: dict[int, MapTally] = {}
@@ -128,7 +128,10 @@ def budget(sides: RealAndTrue, config: Config, maps: FrameMaps | None = None) ->
         frame = sides.frame if "depth" in real else true_frame
         mask = sides.segmentation if "mask" in real else true_mask
         pose = sides.T_real if "pose" in real and sides.T_real is not None else sides.T_map_camera
-        predicted = make(frame, mask, pose, config if "processing" in real else dense(config), spec)
+        if "processing" in real:
+            predicted = make(frame, mask, pose, config, spec)
+        else:  # heights are by the true pose: finding them is processing
+            predicted = make.dense(frame, mask, sides.T_map_camera, config, spec, pose)
         if id(predicted) not in done:
             done[id(predicted)] = compare_maps(reference, predicted, sides.T_map_camera.position_m[:2]).tally
         tallies[name] = done[id(predicted)]

@@ -55,7 +55,8 @@ def frame_pictures(plan: Plan, index: int) -> dict[str, Any] | None:
     frame = numbered.frame
     if frame is None:
         return None
-    segmentation, found = compare_again(plan, frame, numbered.clean, segmenter_of(plan, frame.label_set))
+    segmenter = segmenter_of(plan, frame.label_set)
+    segmentation, found = compare_again(plan, frame, numbered.clean, segmenter, numbered.truth)
     window = _known_window(found)
     return {
         "name": frame.name or str(index),

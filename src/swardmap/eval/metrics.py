@@ -5,13 +5,16 @@ Every metric is a ratio of two sums over frames, so that tallies merge in any or
 sequences can be drawn again for an interval.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from swardmap.errors import InvalidValueError
 from swardmap.eval.confusion import ConfusionMatrix, Share
+from swardmap.eval.intervals import share_interval
+from swardmap.eval.safety import SafetyTally
 from swardmap.eval.tally import MapTally
+from swardmap.eval.things import HEIGHT_CLASSES, PERSON
 
 Pair = tuple[float, float]
 """What is counted, and what it is a share of."""
@@ -27,10 +30,12 @@ class Tallies:
     Attributes:
         mask: pixels by true class and class given.
         map: cells, distances and missed obstacles.
+        safety: things, corridors, what lies beyond the margin; always of the robot's own map.
     """
 
     mask: ConfusionMatrix
     map: MapTally
+    safety: SafetyTally
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +49,7 @@ class Metric:
         take: the two sums; the value is undefined where the second is 0.
         higher_is_better: whether a larger value is a better map.
         decimals: that are told.
+        headline: among what a safety engineer reads first; told with an interval by sequence.
     """
 
     key: str
@@ -52,6 +58,7 @@ class Metric:
     take: Callable[[Tallies], Pair]
     higher_is_better: bool = False
     decimals: int = 2
+    headline: bool = False
 
     def __post_init__(self) -> None:
         if self.unit not in UNITS:
@@ -103,11 +110,53 @@ def _mean_d_min(t: Tallies) -> Pair:
     return (summary.mean_m or 0.0) * summary.count, summary.count
 
 
+def _things(height: str | None, what: str) -> Callable[[Tallies], Pair]:
+    """Things of a height class, all if None: those missed or those dangerous."""
+
+    def take(t: Tallies) -> Pair:
+        n, missed, dangerous = t.safety.of_things(**({} if height is None else {"height": height}))
+        return missed if what == "missed" else dangerous, n
+
+    return take
+
+
+def _counts(name: str, of: str) -> Callable[[Tallies], Pair]:
+    """One of the counts of `safety` over another."""
+    return lambda t: (t.safety.count(name), t.safety.count(of))
+
+
 def _pair(share: Share) -> Pair:
     return share.count, share.of
 
 
+def _things_metrics(height: str | None) -> tuple[Metric, ...]:
+    name = "things" if height is None else f"things {height}" if height != PERSON else "persons"
+    key = name.replace(" ", "_").replace("-", "_")
+    return tuple(
+        Metric(f"{key}_{what}", f"{name} {what}", "%", _things(height, what), headline=True)
+        for what in ("missed", "dangerous")
+    )
+
+
 METRICS: tuple[Metric, ...] = (
+    *(entry for height in (None, *HEIGHT_CLASSES) for entry in _things_metrics(height)),
+    Metric("corridor_missed", "corridors missed", "%", _counts("corridor_missed", "corridor_thing"),
+           headline=True),
+    Metric("false_stops", "false stops", "%", _counts("corridor_stopped", "corridor_clear"), headline=True),
+    Metric("free_beyond_margin_near", "called free beyond the margin, within 5 m", "%",
+           _counts("obstacle_free_beyond_near", "obstacle_near"), headline=True),
+    Metric("free_beyond_margin", "called free beyond the margin", "%",
+           _counts("obstacle_free_beyond", "obstacle"), headline=True),
+    Metric("free_near", "called free within 5 m", "%", _counts("obstacle_free_near", "obstacle_near"),
+           headline=True),
+    Metric("lawn_kept_near", "lawn kept within 5 m", "%", _counts("lawn_kept_near", "lawn_near"),
+           higher_is_better=True, headline=True),
+    Metric("lawn_marked", "lawn marked, margin included", "%", _counts("lawn_marked", "lawn")),
+    *(Metric(f"{group}_free", f"{title} called free", "%", _counts(f"{group}_free", group))
+      for group, title in (("standing", "cells over 5 cm"), ("flat", "flat areas"), ("water", "water"))),
+    Metric("unjudged_cells", "obstacle cells left out of the truth by height", "%",
+           lambda t: (t.safety.count("unjudged_cells"),
+                      t.safety.count("unjudged_cells") + t.safety.count("obstacle"))),
     Metric("pixels_right", "pixels right", "%", _pixels_right, higher_is_better=True),
     Metric("obstacle_called_free", "obstacle cells called free", "%", _called_free),
     Metric("person_called_free", "person cells called free", "%", _person_called_free),
@@ -116,7 +165,7 @@ METRICS: tuple[Metric, ...] = (
     Metric("components_missed", "obstacles missed", "%", _components_missed),
     Metric("components_called_free", "obstacles called free", "%", _components_called_free),
     Metric("d_min_mean", "mean d_min-obst", "m", _mean_d_min, decimals=3),
-)
+)  # fmt: skip
 
 
 def metric(key: str) -> Metric:
@@ -124,10 +173,29 @@ def metric(key: str) -> Metric:
     return next(m for m in METRICS if m.key == key)
 
 
-def metrics_section(tallies: Tallies) -> dict[str, Mapping[str, Any]]:
-    """Every metric of one group: value, and the two sums that it is the ratio of."""
-    section: dict[str, Mapping[str, Any]] = {}
+def interval_text(found: Mapping[str, Any]) -> str:
+    """The interval of a metric of `metrics_section`, in percent; empty if it has none."""
+    if found.get("high") is None:
+        return ""
+    return f"{100 * found['low']:.1f} to {100 * found['high']:.1f} %"
+
+
+def metrics_section(
+    total: Tallies, units: Sequence[Tallies] = (), confidence: float = 0.95
+) -> dict[str, dict[str, Any]]:
+    """Every metric of one group: value, and the two sums that it is the ratio of.
+
+    Args:
+        total: of all its frames.
+        units: of each independent sequence; headlines then have an interval (`low`, `high`).
+        confidence: of the intervals.
+    """
+    section: dict[str, dict[str, Any]] = {}
     for m in METRICS:
-        count, of = m.take(tallies)
+        count, of = m.take(total)
         section[m.key] = {"value": count / of if of else None, "count": count, "of": of}
+        if m.headline and units:
+            counts, sizes = zip(*(m.take(unit) for unit in units), strict=True)
+            found = share_interval(counts, sizes, confidence)
+            section[m.key] |= {"low": found and found.low, "high": found and found.high}
     return section

@@ -2,7 +2,7 @@
 
 results.json    everything, for programs
 metrics.csv     every score, one a line        frames.csv   every frame, one a line
-tables.md, .tex the paper's tables 2-10        report.html  for people
+tables.md, .tex safety, and the paper's tables 2-10        report.html  for people
 margin.yaml     the margin, as `map --config` takes it; only if the data carries the claim
 config.yaml     all settings that were used
 """
@@ -16,10 +16,10 @@ from typing import Any
 
 from swardmap.config import config_to_yaml
 from swardmap.eval.frame import Plan, split_key
-from swardmap.eval.tables import latex, markdown, paper_tables
+from swardmap.eval.tables import latex, markdown, paper_tables, safety_tables
 from swardmap.eval.tally import MapTally
 from swardmap.io.files import write_text
-from swardmap.io.maps.margin_file import Margin, margin_text
+from swardmap.io.maps.margin_file import Margin, MeasuredWith, margin_text
 
 Record = Mapping[str, Any]
 
@@ -39,7 +39,7 @@ def write_results(
     Raises:
         OutputError: if one cannot be written.
     """
-    tables = paper_tables(results)
+    tables = [*safety_tables(results), *paper_tables(results)]
     write_text(out / "config.yaml", config_to_yaml(plan.config))
     write_text(out / "metrics.csv", _csv(METRIC_HEAD, metric_rows(results)))
     write_text(out / "frames.csv", _csv(FRAME_HEAD, (frame_row(r, plan.main) for r in records)))
@@ -49,7 +49,9 @@ def write_results(
     if margin["margin_m"] is None:  # a margin of an earlier run must not stand beside a refusal
         (out / "margin.yaml").unlink(missing_ok=True)
     else:
-        text = margin_text(Margin(margin["margin_m"], margin["person_margin_m"]), margin["statement"])
+        measured = MeasuredWith(**margin["measured_with"])
+        known = Margin(margin["margin_m"], margin["person_margin_m"], measured)
+        text = margin_text(known, margin["statement"])
         write_text(out / "margin.yaml", text)
     if html is not None:
         write_text(out / "report.html", html)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from importlib import resources
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -12,15 +13,16 @@ from swardmap.eval.dataset import dataset_name
 from swardmap.eval.distances import DistanceHistogram
 from swardmap.eval.frame import Plan
 from swardmap.eval.gallery import MAP_COLORS, frame_pictures
-from swardmap.eval.metrics import UNDEFINED, metric
+from swardmap.eval.metrics import UNDEFINED, interval_text, metric
 from swardmap.eval.pages import metres, pct, points, render, told_command
-from swardmap.eval.tables import paper_tables
+from swardmap.eval.tables import paper_tables, safety_tables
 
 Results = Mapping[str, Any]
 Row = tuple[str, ...]
 FRAMES_SHOWN = 8
 
 SECTIONS = {
+    "safety": "What a safety engineer reads first",
     "budget": "Where the errors come from",
     "distances": "How far misses are from what was found",
     "margin": "The margin",
@@ -42,13 +44,14 @@ def report_html(plan: Plan, results: Results) -> str:
     """
     frames, has_frames = results["frames"], results["masks"]["overall"] is not None
     told: dict[str, Any] = {
+        "safety": safety_view(results) if has_frames else None,
         "budget": budget_view(results),
         "distances": distances_view(results) if has_frames else None,
         "margin": results["margin"],
         "cost": cost_view(results),
         "missed": missed_view(results) if has_frames else None,
         "frames": [f for i in results["worst"][:FRAMES_SHOWN] if (f := frame_pictures(plan, i))],
-        "tables": paper_tables(results),
+        "tables": [*safety_tables(results)[1:], *paper_tables(results)],
         "left_out": frames["unreadable"],
     }
     shown = [{"name": n, "title": t} for n, t in SECTIONS.items() if told[n.replace("-", "_")]]
@@ -72,24 +75,67 @@ def report_html(plan: Plan, results: Results) -> str:
     )  # fmt: skip
 
 
+CARDS = ("things_missed", "things_dangerous", "corridor_missed", "false_stops", "free_beyond_margin_near",
+         "lawn_kept_near", "d_min_mean", "pixels_right")  # fmt: skip
+
+
 def cards(results: Results) -> list[tuple[str, str, str]]:
     """What matters, as (value, what it is, its counts)."""
-    section = results["maps"][results["main"]]["overall"]
-    d_min, missed = section["d_min"]["all"], section["missed"]
-    return [
-        _metric_card(results, "obstacle_called_free", "of {}"),
-        _metric_card(results, "person_called_free", "of {}"),
-        (metres(d_min["mean_m"]), "mean d_min-obst", f"{d_min['count']} missed cells"),
-        (metres(d_min["quantiles_m"]["0.99"]), "d_min-obst of 99 %", f"largest {metres(d_min['max_m'])}"),
-        (str(missed["called_free"]), "whole obstacles called free",
-         f"of {missed['obstacles']}; {missed['missed'] - missed['called_free']} more were not seen"),
-        _metric_card(results, "pixels_right", "of {}"),
+    told = []
+    for key in CARDS:
+        found, entry = results["metrics"]["overall"][key], metric(key)
+        interval = interval_text(found)
+        more = (
+            f"{found['count']:g} of {found['of']:g}" if entry.unit == "%" else f"{found['of']:g} missed cells"
+        )
+        told.append(
+            (entry.text(found["value"]), entry.title, f"{more}; 95 %: {interval}" if interval else more)
+        )
+    return told
+
+
+def safety_view(results: Results) -> dict[str, Any]:
+    """Headlines, things by height, kind and distance, cells by what is in them, what nobody judged."""
+    (headline, *_), section = safety_tables(results), results["safety"]
+    edges = [*section["range_edges_m"], None]
+    bands = [
+        f"{low:g} m and more" if high is None else f"{low:g} to {high:g} m" for low, high in pairwise(edges)
+    ]
+    counts = section["counts"]
+    groups = [
+        (title, str(counts.get(name, 0)), _share(counts, f"{name}_free", name),
+         _share(counts, f"{name}_free_beyond", name))
+        for name, title in (("standing", "over 5 cm high"), ("flat", "flat"), ("water", "water"))
     ]  # fmt: skip
+    return {
+        "headline": headline,
+        "things": {
+            "by height": [things_row(r, r["height"]) for r in section["by_height"]],
+            "by distance": [things_row(r, bands[r["band"]]) for r in section["by_range"] if r["things"]],
+            "by kind": [things_row(r, r["kind"]) for r in section["by_kind"]],
+            "test body of ISO 18497, by distance": [
+                things_row(r, bands[r["band"]]) for r in section["test_body_by_range"] if r["things"]
+            ],
+        },
+        "groups": groups,
+        "margin_m": section["margin_m"],
+        "unjudged": {name.removeprefix("unjudged_"): n for name, n in counts.items() if "unjudged" in name},
+        "judged": counts.get("judged_pixels", 0),
+        "grounds": {
+            name.removeprefix("frames_ground_"): n for name, n in counts.items() if "ground_" in name
+        },
+        "with_ids": counts.get("frames_with_ids", 0),
+        "frames": counts.get("frames", 0),
+    }
 
 
-def _metric_card(results: Results, key: str, what: str) -> tuple[str, str, str]:
-    found, entry = results["metrics"]["overall"][key], metric(key)
-    return entry.text(found["value"]), what.format(entry.title), f"{found['count']:g} of {found['of']:g}"
+def things_row(row: Mapping[str, Any], name: str) -> Row:
+    """One row of things, missed and dangerous."""
+    return name, str(row["things"]), str(row["missed"]), str(row["dangerous"])
+
+
+def _share(counts: Mapping[str, int], part: str, whole: str) -> str:
+    return pct(counts.get(part, 0) / counts[whole] if counts.get(whole) else None)
 
 
 def budget_view(results: Results) -> dict[str, Any] | None:
@@ -100,13 +146,13 @@ def budget_view(results: Results) -> dict[str, Any] | None:
     heads = ("", "called free", "not seen", "false alarms", "mean d_min", "missed", "called free",
              "adds to called free", "adds to missed")  # fmt: skip
     body = [
-        (r["rung"], pct(r["called_free"]["share"]), pct(r["not_seen"]["share"]),
+        (r["stage"], pct(r["called_free"]["share"]), pct(r["not_seen"]["share"]),
          pct(r["false_alarm"]["share"]), metres(r["d_min"]["mean_m"]), str(r["missed"]),
          str(r["missed_called_free"]), points(r["added"]["called_free"]), f"{r['added']['missed']:+.0f}")
         for r in rows
     ]  # fmt: skip
-    called = [(r["rung"], r["called_free"]["share"], pct(r["called_free"]["share"])) for r in rows]
-    unseen = [(r["rung"], r["not_seen"]["share"], pct(r["not_seen"]["share"])) for r in rows]
+    called = [(r["stage"], r["called_free"]["share"], pct(r["called_free"]["share"])) for r in rows]
+    unseen = [(r["stage"], r["not_seen"]["share"], pct(r["not_seen"]["share"])) for r in rows]
     return {
         "heads": heads,
         "rows": body,

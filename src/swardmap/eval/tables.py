@@ -7,7 +7,7 @@ from typing import Any
 from swardmap.eval.confusion import ConfusionMatrix
 from swardmap.eval.dataset import dataset_name
 from swardmap.eval.frame import split_key
-from swardmap.eval.metrics import UNDEFINED
+from swardmap.eval.metrics import METRICS, UNDEFINED, interval_text
 from swardmap.eval.pages import percent
 from swardmap.labels import Role
 
@@ -20,14 +20,14 @@ class Table:
     """One table.
 
     Attributes:
-        number: of the paper's table it follows.
+        number: of the paper's table it follows; S1 and on are ours.
         caption: what it shows, of which data.
         head: names of the columns.
         rows: cells as text; an empty first cell repeats the one above.
         about: `masks`, or the protocol of the maps; with the number it tells tables apart.
     """
 
-    number: int
+    number: int | str
     caption: str
     head: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
@@ -77,6 +77,39 @@ def paper_tables(results: Mapping[str, Any]) -> list[Table]:
             split_key(key)[1]: section for key, section in maps.items() if split_key(key)[0] == protocol
         }
         tables += _map_tables(protocol, of_protocol, sequence, data)
+    return tables
+
+
+def safety_tables(results: Mapping[str, Any]) -> list[Table]:
+    """What a safety engineer reads first: all headlines, and those of each sequence or scene.
+
+    Args:
+        results: from `results.results`.
+    """
+    found = results["metrics"]["overall"]
+    if found is None:
+        return []
+    headlines = [m for m in METRICS if m.headline]
+    data, unit = dataset_name(results["dataset"]), results["unit"]
+    rows = tuple(
+        (m.title, m.text(found[m.key]["value"]), f"{found[m.key]['count']:g} of {found[m.key]['of']:g}",
+         interval_text(found[m.key]) or UNDEFINED)
+        for m in headlines
+    )  # fmt: skip
+    margin = f"margin {results['margin_in_use_m']:g} m"
+    head = ("Figure", "Value [%]", "Count [of]", f"95 % by {unit or 'sequence'} [%]")
+    tables = [Table("S1", f"What a safety engineer reads first, {data}, {margin}.", head, rows, "safety")]
+    shown = [m for m in headlines if not m.key.startswith(("things_5", "things_2", "things_over"))]
+    for tag in ("illumination", "scene", "sequence"):
+        groups = results["metrics"]["by"].get(tag)
+        if groups and len(groups) > 1:
+            lines = tuple(
+                (_title(name), *(m.text(section[m.key]["value"]).removesuffix(" %") for m in shown))
+                for name, section in groups.items()
+            )
+            heads = (tag.capitalize(), *(f"{_title(m.title)} [%]" for m in shown))
+            caption = f"The same by {tag}, {data}, {margin}."
+            tables.append(Table(f"S{len(tables) + 1}", caption, heads, lines, "safety"))
     return tables
 
 
