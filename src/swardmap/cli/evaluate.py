@@ -40,7 +40,13 @@ def evaluate_command(
         list[float] | None, typer.Option(help="Edge of a map cell in metres; repeatable, the first counts.")
     ] = None,
     protocol: Annotated[
-        list[str] | None, typer.Option(help="dense, paper; repeatable, the first counts.")
+        list[str] | None, typer.Option(help="dense, paper, paper-own; repeatable, the first counts.")
+    ] = None,
+    judged_margin: Annotated[
+        float | None,
+        typer.Option(
+            help="Margin in metres that safety is judged with; none = costmap.margin_m, or 0.10.", min=0
+        ),
     ] = None,
     share: Annotated[float, typer.Option(help="Share of the missed cells the margin covers.")] = 0.99,
     confidence: Annotated[float, typer.Option(help="Confidence of that.")] = 0.95,
@@ -91,6 +97,8 @@ def evaluate_command(
         options["resolutions_m"] = tuple(resolution)
     if protocol:
         options["protocols"] = tuple(protocol)
+    if judged_margin is not None:
+        options["margin_m"] = judged_margin
     margin = MarginOptions(share, confidence, unit, population)
     plan = make_plan(spec, chosen, **options)
     with Progress("evaluating", "evaluated", quiet=as_json) as bar:
@@ -107,7 +115,7 @@ def evaluate_command(
 
 def summary_text(found: dict[str, Any], out: Path) -> str:
     """What a person wants to know after an evaluation, in a few lines."""
-    from swardmap.eval.tables import percent
+    from swardmap.eval.pages import percent
 
     frames, margin = found["frames"], found["margin"]
     lines = [f"{frames['evaluated']} of {frames['total']} frames evaluated with '{found['segmenter']}'"]
@@ -116,13 +124,13 @@ def summary_text(found: dict[str, Any], out: Path) -> str:
         lines.append(f"  ... and {len(frames['unreadable']) - 5} more, see frames.csv")
     if frames["evaluated"]:
         section = found["maps"][found["main"]]["overall"]
-        cells, d_min, missed = section["cells"], section["d_min"]["all"], section["missed"]
-        called, free = cells["obstacle_called_free"], missed["called_free"]
+        cells, d_min = section["cells"], section["d_min"]["all"]
+        called = cells["obstacle_called_free"]
         rate = f"{percent(called['share'])} % ({called['count']} of {called['of']})"
         lines += [
             f"masks: accuracy {percent(found['masks']['overall']['accuracy'])} %",
             f"maps ({found['main']}): obstacle cells called free: {rate}",
-            f"missed obstacles: {missed['missed']} of {missed['obstacles']}, {free} of them called free",
+            *safety_lines(found),
         ]
         if d_min["count"]:
             lines.append(
@@ -130,6 +138,40 @@ def summary_text(found: dict[str, Any], out: Path) -> str:
             )
     if margin["margin_m"] is None:
         lines.append(f"no margin: {margin['reason']}")
+        if margin["carried_share"] and found["command"].startswith("swardmap evaluate"):
+            lines.append(f"  for that share: {with_share(found['command'], margin['carried_share'])}")
     else:
         lines.append(f"margin: {margin['margin_m']:.3f} m, see {out / 'margin.yaml'}")
     return "\n".join([*lines, f"report: {out / 'report.html'}"])
+
+
+def with_share(command: str, share: float) -> str:
+    """The same command for another share of the missed cells; what is evaluated already is not done again."""
+    words = shlex.split(command)
+    if "--share" in words[:-1]:
+        at = words.index("--share")
+        del words[at : at + 2]
+    words = [word for word in words if not word.startswith("--share=") and word != "--overwrite"]
+    return shlex.join([*words, "--share", f"{share:g}"])
+
+
+def safety_lines(found: dict[str, Any]) -> list[str]:
+    """What a safety engineer reads first."""
+    from swardmap.eval.metrics import interval_text, metric
+
+    section = found["metrics"]["overall"]
+
+    def told(key: str, name: str) -> str:
+        one = section[key]
+        interval = interval_text(one)
+        more = f", 95 % by {found['unit']}: {interval}" if interval else ""
+        return f"{one['count']:g} of {one['of']:g} {name} ({metric(key).text(one['value'])}{more})"
+
+    near = metric("free_beyond_margin_near").text(section["free_beyond_margin_near"]["value"])
+    kept = metric("lawn_kept_near").text(section["lawn_kept_near"]["value"])
+    margin = f"beyond the margin of {found['margin_in_use_m']:g} m"
+    return [
+        f"things within 5 m: {told('things_missed', 'missed')}; {told('things_dangerous', 'dangerous')}",
+        f"corridors of 3 m: {told('corridor_missed', 'missed')}; {told('false_stops', 'false stops')}",
+        f"obstacle cells within 5 m called free {margin}: {near}; lawn kept there: {kept}",
+    ]

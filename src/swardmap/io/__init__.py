@@ -7,13 +7,16 @@ and a subclass of the contract test (CONTRIBUTING.md).
 import importlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from swardmap.config import Config, SourceConfig
 from swardmap.errors import ConfigError, InputError, SwardmapError
 from swardmap.io.door import through_door
 from swardmap.labels import LabelSet
 from swardmap.types import Frame
+
+if TYPE_CHECKING:
+    from swardmap.io.sources.truth import FrameTruth
 
 
 @runtime_checkable
@@ -91,11 +94,14 @@ NAMED: Mapping[str, str] = {"analytic": "swardmap.synth.analytic_source"}
 
 
 @runtime_checkable
-class CleanSource(Protocol):
-    """A source that also knows its frames as an ideal sensor sees them."""
+class TruthSource(Protocol):
+    """A source that may know more of its frames than a sensor sees; an evaluation asks, a robot does not."""
 
-    def clean_frame(self, position: int) -> Frame:
-        """The frame at a position of this source, with exact depth."""
+    def clean_frame(self, position: int) -> Frame | None:
+        """The frame at a position of this source, with exact depth; None if there is none."""
+
+    def truth(self, position: int) -> "FrameTruth | None":
+        """What is truly there in that frame; None if nobody recorded it."""
 
 
 def is_named(location: str | Path) -> bool:

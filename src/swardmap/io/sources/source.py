@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
+from swardmap.io.sources.truth import FrameTruth
 from swardmap.labels import LabelSet
 from swardmap.types import Frame
 
@@ -59,6 +60,8 @@ class Source:
         label_set: classes of the true labels, or None.
         read: yields the frames in order of time, and counts in its argument what it leaves out.
         tally: of the last iteration so far.
+        clean_frame: the frame at a position with exact depth, for evaluations; None where there is none.
+        truth: what is truly there in the frame at a position; None where nobody recorded it.
     """
 
     name: str
@@ -66,6 +69,8 @@ class Source:
     label_set: LabelSet | None
     read: Callable[[Tally], Iterator[Frame]]
     tally: Tally = field(default_factory=Tally)
+    clean_frame: Callable[[int], Frame | None] = lambda _: None
+    truth: Callable[[int], FrameTruth | None] = lambda _: None
 
     @property
     def skipped(self) -> dict[str, int]:
