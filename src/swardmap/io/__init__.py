@@ -40,7 +40,10 @@ class FrameSource(Protocol):
 
 
 class SourceModule(Protocol):
-    """What a module named in SOURCES offers."""
+    """What a module named in SOURCES offers.
+
+    One that says WHOLE_CONFIG = True gets the whole configuration: it filters depth before it aligns it.
+    """
 
     @staticmethod
     def recognises(path: Path) -> bool:
@@ -126,22 +129,24 @@ def open_source(location: str | Path, config: SourceConfig | Config | None = Non
     if is_named(location):
         named: NamedModule = importlib.import_module(NAMED[kind])  # type: ignore[assignment]
         return named.open_named(str(location), whole.source)
-    return _open_path(Path(location), whole.source)
+    return _open_path(Path(location), whole)
 
 
-def _open_path(path: Path, config: SourceConfig) -> FrameSource:
-    if config.format is not None and config.format not in SOURCES:
-        raise ConfigError(f"source.format: expected one of {', '.join(SOURCES)}, got '{config.format}'")
+def _open_path(path: Path, config: Config) -> FrameSource:
+    source = config.source
+    if source.format is not None and source.format not in SOURCES:
+        raise ConfigError(f"source.format: expected one of {', '.join(SOURCES)}, got '{source.format}'")
     try:
         if not path.exists():
             raise InputError(f"no such recording: {path}")
         if path.is_dir():
             next(path.iterdir(), None)  # what cannot be listed looks empty to those who ask for a name
-        kinds = [config.format] if config.format else list(SOURCES)
+        kinds = [source.format] if source.format else list(SOURCES)
         for kind in kinds:
             module: SourceModule = importlib.import_module(SOURCES[kind])  # type: ignore[assignment]
-            if config.format or module.recognises(path):
-                return module.open_source(path, config)
+            if source.format or module.recognises(path):
+                whole = getattr(module, "WHOLE_CONFIG", False)
+                return module.open_source(path, config if whole else source)  # type: ignore[arg-type]
     except (OSError, ValueError) as error:  # ValueError: a null byte in the name
         if isinstance(error, SwardmapError):
             raise

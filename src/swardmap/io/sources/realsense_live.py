@@ -17,7 +17,7 @@ from swardmap.errors import InputError, InvalidValueError, require
 from swardmap.io.bags.rosbag import REASON_DAMAGED
 from swardmap.io.sources.pairing import REASON_COLOR, REASON_ORDER
 from swardmap.io.sources.realsense_camera import RealsenseCamera, Shot, finder
-from swardmap.io.sources.source import Tally
+from swardmap.io.sources.source import Tally, tally_facts
 from swardmap.types import Frame
 
 SLICE_S = 0.2
@@ -93,6 +93,11 @@ class RealsenseSource:
     def skipped(self) -> dict[str, int]:
         """Images left out by the last iteration so far, by reason."""
         return {reason: count for reason, count in self.tally.skipped.items() if count}
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """What was left out by the last iteration so far, the first of each reason in full."""
+        return tally_facts(self.tally)
 
     def stop(self) -> None:
         """End the iteration after the frame in progress; may be called from a signal handler or a thread."""
