@@ -108,6 +108,7 @@ class Lawn:
     depth: Callable[[Any, int, str], Any] = rf.image_fields
     info: Callable[..., Any] = rf.camera_info_fields
     depth_info: Callable[..., Any] | None = None
+    info_topics: tuple[str, str] | None = None
     kind_of: Callable[[str], str] = lambda topic: IMAGE
 
     def with_(self, **changes: Any) -> "Lawn":
@@ -146,7 +147,10 @@ class Lawn:
         )  # fmt: skip
         for topic, make, image, stamp, frame, info, camera in sides:
             place = topic.removesuffix("/compressed").removesuffix("/compressedDepth").rpartition("/")[0]
-            yield at, f"{place}/camera_info", INFO, info(camera, stamp, frame)
+            beside = dict(
+                zip((self.color_topic, self.depth_topic), self.info_topics or ("", ""), strict=True)
+            )
+            yield at, beside[topic] or f"{place}/camera_info", INFO, info(camera, stamp, frame)
             yield at + MS, topic, self.kind_of(topic), make(image, stamp, frame)
 
 
@@ -181,7 +185,8 @@ def mapped(path: Path, **sections: dict[str, Any]) -> Mapped:
     assert run.grid is not None, source.facts
     x0, y0 = run.grid.spec.origin_m
     rows, columns = np.nonzero(run.grid.classes == MapClass.OBSTACLE)
-    centers = (np.stack([columns, rows], axis=1) + 0.5) * run.grid.spec.resolution_m + (x0, y0)
+    resolution_m = run.grid.spec.resolution_m
+    centers = np.asarray((np.stack([columns, rows], 1) + 0.5) * resolution_m + (x0, y0), np.float64)
     green = zip(*np.nonzero(run.grid.classes == MapClass.GRASS), strict=True)
     offset = (round(y0 / run.grid.spec.resolution_m), round(x0 / run.grid.spec.resolution_m))
     seen = frozenset((int(r) + offset[0], int(c) + offset[1]) for r, c in green)

@@ -6,6 +6,8 @@ was registered into a finer image without closing its gaps (depth_image_proc) is
 which none has a neighbour: it is judged at the resolution that it came from.
 """
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -58,12 +60,12 @@ def grid_stride(depth: DepthImage) -> int | None:
     if _mean_neighbours(seen) >= LONE:
         return 1
     for stride in range(2, MAX_STRIDE + 1):
-        if _mean_neighbours(_blocks(seen, stride, False).any(axis=(1, 3))) >= DENSE:
+        if _mean_neighbours(_blocks(seen, stride, 0).any(axis=(1, 3))) >= DENSE:
             return stride
     return 1
 
 
-def _mean_neighbours(seen: NDArray[np.bool_]) -> float:
+def _mean_neighbours(seen: NDArray[Any]) -> float:
     """Mean number of neighbours with a reading of the pixels with a reading."""
     padded = np.pad(seen, 1).astype(np.uint8)
     height, width = seen.shape
@@ -76,11 +78,11 @@ def _mean_neighbours(seen: NDArray[np.bool_]) -> float:
     return float(np.asarray(around)[seen].mean()) if seen.any() else 0.0
 
 
-def _blocks(image: NDArray[np.generic], stride: int, fill: object) -> NDArray[np.generic]:
+def _blocks(image: NDArray[Any], stride: int, fill: float) -> NDArray[Any]:
     """(rows, stride, columns, stride) view of an image, padded to whole blocks."""
     height, width = image.shape
     padded = np.pad(image, ((0, -height % stride), (0, -width % stride)), constant_values=fill)
-    return padded.reshape(padded.shape[0] // stride, stride, padded.shape[1] // stride, stride)
+    return np.asarray(padded.reshape(padded.shape[0] // stride, stride, padded.shape[1] // stride, stride))
 
 
 def _nearest_of_blocks(metres: NDArray[np.float32], stride: int) -> NDArray[np.float32]:
@@ -89,6 +91,6 @@ def _nearest_of_blocks(metres: NDArray[np.float32], stride: int) -> NDArray[np.f
     return np.where(np.isinf(nearest), np.float32(np.nan), nearest)
 
 
-def _spread(coarse: NDArray[np.generic], stride: int, shape: tuple[int, ...]) -> NDArray[np.generic]:
+def _spread(coarse: NDArray[Any], stride: int, shape: tuple[int, ...]) -> NDArray[Any]:
     """Each block's value at all its pixels."""
     return coarse.repeat(stride, axis=0).repeat(stride, axis=1)[: shape[0], : shape[1]]

@@ -15,6 +15,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from swardmap.errors import InputError
+from swardmap.io.bags.mcap_checksums import check_mcap
 
 METADATA = "metadata.yaml"
 STORAGE = (".db3", ".mcap")
@@ -74,7 +75,7 @@ def message_count(path: Path) -> int | None:
 
 
 def check_file(path: Path) -> None:
-    """Refuse an SQLite file that was cut off, or that has messages in a log beside it.
+    """Refuse an SQLite file that was cut off, or has messages in a log beside it; a damaged MCAP file.
 
     SQLite notices that a file was cut off only when it comes to a page that is not there, and what lies in
     the log is not seen by a reader that leaves the file as it is.
@@ -82,6 +83,8 @@ def check_file(path: Path) -> None:
     Raises:
         InputError: if it is one.
     """
+    if path.suffix == ".mcap":
+        check_mcap(path)
     if path.suffix != ".db3":
         return
     for log in (path.with_name(path.name + "-wal"), path.with_name(path.name + "-journal")):

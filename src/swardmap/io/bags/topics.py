@@ -24,6 +24,7 @@ CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 
 _ALIGNED = ("aligned_depth", "registered", "depth_to_rgb", "depth_to_color")
 _DEPTH_NAMES = ("depth", "stereo")
+_RENDERED = ("rgb_to_depth", "color_to_depth")
 _VIDEO_TYPES = ("FFMPEGPacket", "CompressedVideo")
 
 
@@ -81,9 +82,10 @@ class _Candidate:
         return is_color(self.code)
 
     @property
-    def color_rank(self) -> tuple[bool, bool]:
-        """Colour before gray (which may be an infrared image), rectified before raw."""
-        return not is_gray(self.code), "rect" in self.topic.name
+    def color_rank(self) -> tuple[bool, bool, bool]:
+        """Colour before gray (perhaps infrared), as seen before re-rendered, rectified before raw."""
+        seen = not any(word in self.topic.name for word in _RENDERED)
+        return not is_gray(self.code), seen, "rect" in self.topic.name
 
     @property
     def depth_rank(self) -> tuple[bool, bool]:
@@ -174,7 +176,7 @@ def _choose(
     what: str,
     wanted: str | None,
     fits: Fits,
-    rank: Callable[[_Candidate], tuple[bool, bool]],
+    rank: Callable[[_Candidate], tuple[bool, ...]],
 ) -> _Candidate:
     if wanted is not None:
         if wanted in candidates and (fits(candidates[wanted]) or candidates[wanted].code == "mono16"):
