@@ -16,7 +16,7 @@ from swardmap.errors import InputError, SwardmapError
 from swardmap.geometry import Pose
 from swardmap.grid import OccupancyGrid
 from swardmap.io.bags.ros_messages import pose_from_odometry, stamp_ns
-from swardmap.io.bags.tf import ALWAYS_NS
+from swardmap.io.bags.tf_edge import ALWAYS_NS
 from swardmap.io.sources.pairing import COLOR
 from swardmap.mapping.log_odds_map import LogOddsMap
 from swardmap.mapping.work_area import WorkArea

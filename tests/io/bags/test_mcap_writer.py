@@ -175,14 +175,14 @@ def test_the_formats_own_library_reads_it(tmp_path: Path) -> None:
             header = decoded.transforms[0].header if schema.name.endswith("TFMessage") else decoded.header
             assert header.stamp.sec * 10**9 + header.stamp.nanosec == message.log_time
     with path.open("rb") as file:  # from beginning to end, without its index
-        records = list(StreamReader(file, validate_crcs=True).records)
+        records: list[Any] = list(StreamReader(file, validate_crcs=True).records)
     names = [type(record).__name__ for record in records]
     assert names[-1] == "Footer"
     assert records[-1].summary_crc != 0
     assert records[names.index("DataEnd")].data_section_crc != 0
     with path.open("rb") as file:
-        chunks = [r for r in StreamReader(file, emit_chunks=True).records if type(r).__name__ == "Chunk"]
-        assert all(chunk.uncompressed_crc for chunk in chunks)
+        whole: list[Any] = list(StreamReader(file, emit_chunks=True).records)
+    assert all(record.uncompressed_crc for record in whole if type(record).__name__ == "Chunk")
 
 
 def test_what_others_find_in_it(tmp_path: Path) -> None:
@@ -378,7 +378,7 @@ def small_file(folder: Path) -> Path:
 
 def bits_to_flip(size: int, count: int) -> list[int]:
     edges = [*range(8 * 60), *range(8 * (size - 37), 8 * size)]  # head, and the footer that leads to all
-    return edges + np.random.default_rng(0).integers(0, 8 * size, count).tolist()
+    return [*edges, *map(int, np.random.default_rng(0).integers(0, 8 * size, count))]
 
 
 def check_flips(path: Path, bits: list[int]) -> None:
@@ -413,7 +413,7 @@ def test_checksums_of_other_writers_are_checked(tmp_path: Path, chunked: bool) -
 
     path, plain = small_file(tmp_path), tmp_path / "plain.mcap"
     with path.open("rb") as given, plain.open("wb") as out:
-        writer = Writer(out, use_chunking=chunked, enable_data_crcs=True)
+        writer: Any = Writer(out, use_chunking=chunked, enable_data_crcs=True)
         writer.start("ros2", "test")
         channels: dict[int, int] = {}
         for schema, channel, message in make_reader(given).iter_messages():

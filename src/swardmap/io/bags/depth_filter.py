@@ -60,7 +60,7 @@ def grid_stride(depth: DepthImage) -> int | None:
     if _mean_neighbours(seen) >= LONE:
         return 1
     for stride in range(2, MAX_STRIDE + 1):
-        if _mean_neighbours(_blocks(seen, stride, 0).any(axis=(1, 3))) >= DENSE:
+        if _mean_neighbours(np.asarray(_blocks(seen, stride, 0).any(axis=(1, 3)))) >= DENSE:
             return stride
     return 1
 

@@ -1,11 +1,13 @@
 """The pose of the camera at the times of its images, by transforms that are read as far ahead as is needed.
 
-A recording is a file: a transform that was written late is as good as one that came in time. So poses have a
-reader of their own, which goes on until the transforms enclose the time that is asked for.
+A recording is a file: a transform that was written late is as good as one that came in time. Transforms are
+taken as they come between the images; where images would have to wait for long, a reader of their own goes
+ahead until the transforms enclose the time that is asked for.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import Any
 
 from swardmap.errors import InputError
@@ -41,7 +43,7 @@ class PoseStream:
     """Poses of the camera, asked for in order of time.
 
     Attributes:
-        bag: an open reader that nobody else iterates.
+        bag: the recording; it is opened once more if transforms have to be read ahead.
         plan: where poses come from.
         tolerance_ns: largest gap between two transforms that is interpolated over.
         tally: counts what is left out.
@@ -54,22 +56,34 @@ class PoseStream:
     given: int = 0
     _buffer: TransformBuffer = field(init=False)
     _static: set[str] = field(init=False)
-    _messages: Iterator[tuple[str, int, bytes]] = field(init=False)
+    _fed: int = 0
+    _ahead: Iterator[tuple[str, int, bytes]] | None = None
     _spans: dict[str, _Span] = field(default_factory=dict)
     _filters: dict[str, StampFilter[Transform]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self._buffer = self.plan.new_buffer()
-        self._messages = self.bag.messages(self.plan.topics)
         self._static = {t.child.strip("/") for message in self.plan.static for t in transforms_of(message)}
 
+    def feed(self, topic: str, recorded_ns: int, data: bytes) -> None:
+        """Take a message that came between the images; it is known already if it was read ahead."""
+        if self._ahead is None:
+            self._fed += 1
+            self._take(topic, recorded_ns, data)
+
+    def end(self) -> None:
+        """Nothing more comes between the images."""
+        if self._ahead is None:
+            self._ahead = iter(())
+            self._flush()
+
     def at(self, stamp_ns: int) -> Pose | None:
-        """T_map_camera at a time not before the last one asked for; None, and counted why, if not known.
+        """T_map_camera at a time not before the last one asked for; None if it is not known.
 
         Raises:
             InputError: if what lies between map and camera contradicts itself.
         """
-        while not self._encloses(stamp_ns) and self._read():
+        while not self.encloses(stamp_ns) and self._read_ahead():
             pass
         plan = self.plan
         pose = self._buffer.lookup(plan.map_frame, plan.camera_frame, stamp_ns, self.tolerance_ns)
@@ -111,20 +125,30 @@ class PoseStream:
     def _way(self) -> list[tuple[str, str, bool]]:
         return self._buffer.way(self.plan.map_frame, self.plan.camera_frame)
 
-    def _encloses(self, stamp_ns: int) -> bool:
+    def encloses(self, stamp_ns: int) -> bool:
+        """Whether the transforms so far reach beyond a time."""
         newest = self._buffer.newest_ns(self.plan.map_frame, self.plan.camera_frame)
         return newest is not None and newest >= stamp_ns
 
-    def _read(self) -> bool:
+    def _read_ahead(self) -> bool:
         """Take the next message; False at the end."""
-        found = next(self._messages, None)
+        if self._ahead is None:
+            self._ahead = islice(self.bag.again().messages(self.plan.topics), self._fed, None)
+        found = next(self._ahead, None)
         if found is None:
-            left = [item for f in self._filters.values() for item in f.flush()]
-            self._filters = {}
-            for stamp_ns, item in left:
-                self._add(stamp_ns, item)
-            return bool(left)
-        topic, recorded_ns, data = found
+            return self._flush()
+        self._take(*found)
+        return True
+
+    def _flush(self) -> bool:
+        """Take what was held back, at the end; whether there was something."""
+        left = [item for f in self._filters.values() for item in f.flush()]
+        self._filters = {}
+        for stamp_ns, item in left:
+            self._add(stamp_ns, item)
+        return bool(left)
+
+    def _take(self, topic: str, recorded_ns: int, data: bytes) -> None:
         for item in transforms_of(self.bag.decode(topic, data)):
             child = item.child
             stream = self._filters.setdefault(child, StampFilter())
@@ -136,7 +160,6 @@ class PoseStream:
             if stream.dropped > dropped:
                 detail = f"{item.parent} <- {child} of {stream.first_dropped_ns / 1e9:.3f} s"
                 self.tally.skip(REASON_STAMP, detail, stream.dropped - dropped)
-        return True
 
     def _add(self, stamp_ns: int, item: Transform) -> None:
         before = self._buffer.refused

@@ -1,11 +1,12 @@
 """Frames from ROS bags (1, 2 in SQLite and MCAP) and librealsense recordings, without ROS (Sec. 3.1).
 
-Images are read in one pass and paired by time; a second reader goes ahead for the transforms, so that each
-pair has the pose of its time. Memory is bounded by the images that wait, not by the length of the recording.
+One pass through the recording: images are paired by time, wait for the pose of their time, are rectified, and
+depth is brought into the pixels of the colour image. Memory is bounded by the images that wait, not by the
+length of the recording.
 """
 
 from array import array
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -30,6 +31,9 @@ __all__ = ["REASON_DAMAGED", "REASON_POSE", "REASON_TRANSFORM", "open_source", "
 
 WHOLE_CONFIG = True
 """Depth that is aligned here is filtered before, as the configuration of clouds says."""
+
+WAITING_PAIRS = 30
+"""How many images wait for the transform after them; then transforms are read ahead by themselves."""
 
 REASON_POSE = "no pose of the camera at the time of the image"
 REASON_DAMAGED = "image that cannot be used"
@@ -82,7 +86,7 @@ class Recording:
         with open_bag(self.path) as bag:
             poses = self._poses(bag, tally)
             tally.facts["images"] = builder.facts
-            for index, pair in self._chosen(bag, tally):
+            for index, pair in self._ready(bag, poses, tally):
                 pose = None
                 if poses is not None and (pose := poses.at(pair.stamp_ns)) is None:
                     tally.skip(REASON_POSE, poses.why_not(pair.stamp_ns))
@@ -95,7 +99,7 @@ class Recording:
         if self.plan.poses is None:
             return None
         tolerance_ns = round(self.config.pose_tolerance_ms * 1e6)
-        stream = PoseStream(bag.again(), self.plan.poses, tolerance_ns, tally)
+        stream = PoseStream(bag, self.plan.poses, tolerance_ns, tally)
         tally.facts["poses"] = stream.facts
         return stream
 
@@ -115,25 +119,38 @@ class Recording:
             return
         yield frame
 
-    def _chosen(self, bag: Bag, tally: Tally) -> Iterator[tuple[int, Pair[bytes]]]:
-        """The pairs chosen by start, stop and every, with their number among all."""
-        config = self.config
+    def _ready(self, bag: Bag, poses: PoseStream | None, tally: Tally) -> Iterator[tuple[int, Pair[bytes]]]:
+        """The pairs chosen by start, stop and every, numbered, each as soon as its pose can be known."""
+        config, waiting, index = self.config, deque[tuple[int, Pair[bytes]]](), 0
         offsets_ns = array("q")
         tally.facts["pairing"] = partial(_pairing_facts, offsets_ns)
-        for index, pair in enumerate(self._pairs(bag, tally)):
-            if config.stop is not None and index >= config.stop:
-                break
-            if index >= config.start and (index - config.start) % config.every == 0:
-                offsets_ns.append(abs(pair.depth_stamp_ns - pair.stamp_ns))
-                yield index, pair
+        for pair in self._pairs(bag, poses, tally):
+            if pair is not None:
+                if config.stop is not None and index >= config.stop:
+                    break
+                if index >= config.start and (index - config.start) % config.every == 0:
+                    offsets_ns.append(abs(pair.depth_stamp_ns - pair.stamp_ns))
+                    waiting.append((index, pair))
+                index += 1
+            while waiting and (
+                poses is None or len(waiting) > WAITING_PAIRS or poses.encloses(waiting[0][1].stamp_ns)
+            ):
+                yield waiting.popleft()
+        yield from waiting
 
-    def _pairs(self, bag: Bag, tally: Tally) -> Iterator[Pair[bytes]]:
+    def _pairs(self, bag: Bag, poses: PoseStream | None, tally: Tally) -> Iterator[Pair[bytes] | None]:
+        """Pairs as they become certain, and None after each transform."""
         plan, pairer = self.plan, Pairer[bytes](round(self.config.pair_tolerance_ms * 1e6))
         streams = {
             plan.color.name: (COLOR, StampFilter[bytes]()),
             plan.depth.name: (DEPTH, StampFilter[bytes]()),
         }
-        for topic, recorded_ns, data in bag.messages(streams):
+        pose_topics = self.plan.poses.topics if self.plan.poses else frozenset[str]()
+        for topic, recorded_ns, data in bag.messages([*streams, *pose_topics]):
+            if poses is not None and topic in pose_topics:
+                poses.feed(topic, recorded_ns, data)
+                yield None
+                continue
             kind, stamps = streams[topic]
             for stamp_ns, image in stamps.add(bag.header_stamp_ns(data), recorded_ns, data):
                 yield from pairer.add(kind, stamp_ns, image)
@@ -143,6 +160,8 @@ class Recording:
                 yield from pairer.add(kind, stamp_ns, image)
         yield from pairer.flush()
         self._count(pairer, streams, tally)
+        if poses is not None:
+            poses.end()
 
     def _count(
         self, pairer: Pairer[bytes], streams: dict[str, tuple[str, StampFilter[bytes]]], tally: Tally
