@@ -427,3 +427,30 @@ def test_checksums_of_other_writers_are_checked(tmp_path: Path, chunked: bool) -
     assert outcome(plain) == outcome(path)
     at = content.index(bytes(range(100, 140))) if not chunked else len(content) // 3
     check_flips(plain, [8 * at + k for k in range(8)])
+
+
+def test_labels_come_back_with_their_classes(tmp_path: Path) -> None:
+    given = frames()
+    source = open_source(recorded(tmp_path, given))
+    assert source.label_set == given[0].label_set
+    for one, two in zip(source, given, strict=True):
+        assert one.label_set == two.label_set
+        assert one.labels is not None
+        assert two.labels is not None
+        np.testing.assert_array_equal(one.labels, two.labels)
+    part = open_source(tmp_path / "drive.mcap", SourceConfig(start=1, every=2))
+    second = next(iter(part)).labels
+    assert second is not None
+    np.testing.assert_array_equal(second, given[1].labels)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "{", "[1]", '[{"id": 1}]', '[{"id": 1, "name": "a", "role": "x", "color": [1, 2, 3]}]']
+)
+def test_classes_that_are_none_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str
+) -> None:
+    monkeypatch.setattr("swardmap.io.bags.record_messages.json.dumps", lambda _: text)
+    path = recorded(tmp_path, frames(2))
+    with pytest.raises(InputError, match=r"labels/classes: expected classes in JSON"):
+        open_source(path)

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swardmap.config import CloudConfig
 from swardmap.errors import InputError
@@ -67,7 +68,13 @@ class FrameBuilder:
         self._unit_is_plain = True
 
     def build(
-        self, stamp_ns: int, rgb: ColorImage, depth: DepthImage, T_map_camera: Pose | None, name: str
+        self,
+        stamp_ns: int,
+        rgb: ColorImage,
+        depth: DepthImage,
+        labels: NDArray[np.uint8] | None,
+        T_map_camera: Pose | None,
+        name: str,
     ) -> Frame:
         """The frame.
 
@@ -87,7 +94,19 @@ class FrameBuilder:
             depth = align_depth_to_color(
                 depth, unit_m, plan.depth_camera.intrinsics, camera, plan.T_color_depth
             )
-        return Frame(stamp_ns, camera, rgb, depth, unit_m, T_map_camera, name=name, depth_filtered=filtered)
+        label_set = None if labels is None or plan.labels is None else plan.labels.label_set
+        return Frame(
+            stamp_ns,
+            camera,
+            rgb,
+            depth,
+            unit_m,
+            T_map_camera,
+            labels,
+            label_set,
+            name,
+            depth_filtered=filtered,
+        )
 
     def facts(self) -> dict[str, object]:
         """How depth came into the pixels of the colour image."""

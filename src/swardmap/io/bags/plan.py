@@ -11,6 +11,7 @@ from swardmap.geometry import R_BODY_OPTICAL, Intrinsics, Pose
 from swardmap.io.bags import realsense_recording
 from swardmap.io.bags.poses import PosePlan, camera_tf, latest_between, plan_poses
 from swardmap.io.bags.reader import Bag
+from swardmap.io.bags.recorded_labels import LabelTopic, find_labels
 from swardmap.io.bags.ros_camera import Calibration, calibration_from_camera_info
 from swardmap.io.bags.tf_topics import TfTopics
 from swardmap.io.bags.topics import ImageTopic, choose_topics
@@ -31,6 +32,7 @@ class BagPlan:
         T_color_depth: where depth is seen from; None if it is in the pixels of the colour image already.
         poses: where poses come from; None if there are none.
         images: of colour or of depth, whichever are fewer.
+        labels: true classes of the colour images, or None.
         notes: what was taken for granted.
     """
 
@@ -43,6 +45,7 @@ class BagPlan:
     T_color_depth: Pose | None
     poses: PosePlan | None
     images: int
+    labels: LabelTopic | None = None
     notes: tuple[str, ...] = ()
 
 
@@ -68,6 +71,7 @@ def make_plan(bag: Bag, config: SourceConfig) -> BagPlan:
         T_color_depth=T_color_depth,
         poses=plan_poses(bag, config, camera_frame, tf, notes),
         images=min(bag.topics[color.name].count, bag.topics[depth.name].count),
+        labels=find_labels(bag),
         notes=tuple(notes),
     )
 

@@ -21,6 +21,7 @@ from swardmap.io.bags.frames import FrameBuilder
 from swardmap.io.bags.plan import BagPlan, make_plan
 from swardmap.io.bags.pose_stream import REASON_TRANSFORM, PoseStream
 from swardmap.io.bags.reader import Bag, open_bag
+from swardmap.io.bags.recorded_labels import LabelStore
 from swardmap.io.bags.stamps import StampFilter
 from swardmap.io.bags.storage import METADATA, is_storage
 from swardmap.io.sources.pairing import COLOR, DEPTH, Pair, Pairer
@@ -57,7 +58,9 @@ def open_source(path: Path, config: SourceConfig | Config) -> Source:
     source, cloud = (config.source, config.cloud) if isinstance(config, Config) else (config, CloudConfig())
     with open_bag(path) as bag:
         recording = Recording(path, source, cloud, make_plan(bag, source))
-    return Source(path.name, recording.frame_count, None, recording.frames)
+    labels = recording.plan.labels
+    label_set = None if labels is None else labels.label_set
+    return Source(path.name, recording.frame_count, label_set, recording.frames)
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,16 +85,16 @@ class Recording:
         """
         for note in self.plan.notes:
             tally.note(note)
-        builder = FrameBuilder(self.plan, self.cloud)
+        builder, labels = FrameBuilder(self.plan, self.cloud), LabelStore()
         with open_bag(self.path) as bag:
             poses = self._poses(bag, tally)
             tally.facts["images"] = builder.facts
-            for index, pair in self._ready(bag, poses, tally):
+            for index, pair in self._ready(bag, poses, labels, tally):
                 pose = None
                 if poses is not None and (pose := poses.at(pair.stamp_ns)) is None:
                     tally.skip(REASON_POSE, poses.why_not(pair.stamp_ns))
                 else:
-                    yield from self._frame(bag, builder, index, pair, pose, tally)
+                    yield from self._frame(bag, builder, labels, index, pair, pose, tally)
                 if poses is not None:
                     poses.forget_before(pair.stamp_ns)
 
@@ -104,27 +107,38 @@ class Recording:
         return stream
 
     def _frame(
-        self, bag: Bag, builder: FrameBuilder, index: int, pair: Pair[bytes], pose: Pose | None, tally: Tally
+        self,
+        bag: Bag,
+        builder: FrameBuilder,
+        labels: LabelStore,
+        index: int,
+        pair: Pair[bytes],
+        pose: Pose | None,
+        tally: Tally,
     ) -> Iterator[Frame]:
+        topic = self.plan.labels
         try:
             rgb, depth = builder.decode(bag, pair.color, pair.depth)
+            mask = None if topic is None else labels.take(bag, topic, pair.stamp_ns)
         except InputError as error:
             tally.skip(REASON_DAMAGED, str(error))
             return
         builder.check_unit(depth)
         try:
-            frame = builder.build(pair.stamp_ns, rgb, depth, pose, f"{index:06d}")
+            frame = builder.build(pair.stamp_ns, rgb, depth, mask, pose, f"{index:06d}")
         except (InputError, InvalidValueError) as error:
             tally.skip(REASON_DAMAGED, str(error))
             return
         yield frame
 
-    def _ready(self, bag: Bag, poses: PoseStream | None, tally: Tally) -> Iterator[tuple[int, Pair[bytes]]]:
+    def _ready(
+        self, bag: Bag, poses: PoseStream | None, labels: LabelStore, tally: Tally
+    ) -> Iterator[tuple[int, Pair[bytes]]]:
         """The pairs chosen by start, stop and every, numbered, each as soon as its pose can be known."""
         config, waiting, index = self.config, deque[tuple[int, Pair[bytes]]](), 0
         offsets_ns = array("q")
         tally.facts["pairing"] = partial(_pairing_facts, offsets_ns)
-        for pair in self._pairs(bag, poses, tally):
+        for pair in self._pairs(bag, poses, labels, tally):
             if pair is not None:
                 if config.stop is not None and index >= config.stop:
                     break
@@ -138,7 +152,9 @@ class Recording:
                 yield waiting.popleft()
         yield from waiting
 
-    def _pairs(self, bag: Bag, poses: PoseStream | None, tally: Tally) -> Iterator[Pair[bytes] | None]:
+    def _pairs(
+        self, bag: Bag, poses: PoseStream | None, labels: LabelStore, tally: Tally
+    ) -> Iterator[Pair[bytes] | None]:
         """Pairs as they become certain, and None after each transform."""
         plan, pairer = self.plan, Pairer[bytes](round(self.config.pair_tolerance_ms * 1e6))
         streams = {
@@ -146,7 +162,11 @@ class Recording:
             plan.depth.name: (DEPTH, StampFilter[bytes]()),
         }
         pose_topics = self.plan.poses.topics if self.plan.poses else frozenset[str]()
-        for topic, recorded_ns, data in bag.messages([*streams, *pose_topics]):
+        masks = frozenset({self.plan.labels.name}) if self.plan.labels else frozenset[str]()
+        for topic, recorded_ns, data in bag.messages([*streams, *pose_topics, *masks]):
+            if topic in masks:
+                labels.add(bag.header_stamp_ns(data), data)
+                continue
             if poses is not None and topic in pose_topics:
                 poses.feed(topic, recorded_ns, data)
                 yield None
