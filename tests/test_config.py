@@ -50,6 +50,8 @@ def test_precedence(tmp_path: Path) -> None:
      ("grid.min_points=1.5", "expected int"), ("grid.min_points=true", "expected int"),
      ("grid.resolution_m=.nan", "expected float"), ("backend=motorway", "one of compiled, plain"),
      ("grid=3", "expected keys"), ("grid.origin_m=[1]", "list of 2"), ("grid.origin_m=[1, 2]", "together"),
+     ("grid={origin_m: [0, 0], size_m: [-4, -4]}", "got -4 x -4 m in cells of 0.05 m"),
+     ("grid={origin_m: [0, 0], size_m: [1e6, 1e6]}", "size_m and resolution_m of 1 to 64000000 cells"),
      ("cloud.min_range_m=9", "min_range_m below max_range_m"), ("nonsense", "section.key=value"),
      ("source.level=1", "expected bool")],
 )  # fmt: skip

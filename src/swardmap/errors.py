@@ -57,7 +57,10 @@ def one_line(error: object, limit: int = MAX_MESSAGE) -> str:
     """What an error says, or its kind if it says nothing, in one line of at most `limit` letters."""
     text = " ".join(str(error).split()) or type(error).__name__
     text = "".join(c if c.isprintable() else "?" for c in text)
-    return text if len(text) <= limit else f"{text[: limit - 4]} ..."
+    if len(text) <= limit:
+        return text
+    tail = 2 * limit // 5 if limit >= MAX_MESSAGE else 0  # where a message says what to do
+    return f"{text[: limit - tail - 4]} ...{text[len(text) - tail :]}"
 
 
 def shortened(value: object, limit: int = 80) -> str:

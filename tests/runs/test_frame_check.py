@@ -1,5 +1,6 @@
 """Frames that the node would refuse do not clear cells of a recording's map either."""
 
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -120,3 +121,16 @@ def test_the_command_tells_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert "frozen (--strict stops here)" in capsys.readouterr().err
     assert run(command) == 0
     assert "not mapped, as the node would not: 5 x frozen" in capsys.readouterr().out
+
+
+def test_an_evaluation_counts_them_and_strict_stops(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_folder(Given(at([3], black)), tmp_path / "rec")
+    command = ["evaluate", str(tmp_path / "rec"), "--segmenter", "truth", "--workers", "1", "--no-budget",
+               "--resolution", "0.1"]  # fmt: skip
+    assert run([*command, "-o", str(tmp_path / "out")]) == 0
+    assert "frames that the watchdog of the node would refuse: 1 x black" in capsys.readouterr().out
+    assert json.loads((tmp_path / "out" / "results.json").read_text())["faults"] == {"black": 1}
+    assert run([*command, "-o", str(tmp_path / "strict"), "--strict"]) == 1
+    assert "frame 3: black (--strict stops here)" in capsys.readouterr().err

@@ -136,6 +136,9 @@ def summary_text(found: dict[str, Any], out: Path) -> str:
             lines.append(
                 f"d_min-obst: mean {d_min['mean_m']:.3f} m, 99 % {d_min['quantiles_m']['0.99']:.3f} m"
             )
+    if found.get("faults"):
+        counts = ", ".join(f"{n} x {fault}" for fault, n in found["faults"].items())
+        lines.append(f"frames that the watchdog of the node would refuse: {counts}")
     if margin["margin_m"] is None:
         lines.append(f"no margin: {margin['reason']}")
         if margin["carried_share"] and found["command"].startswith("swardmap evaluate"):

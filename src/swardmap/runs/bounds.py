@@ -4,13 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from swardmap.config.mapping import MAX_MAP_CELLS
 from swardmap.errors import InputError
 from swardmap.geometry import Pose
 from swardmap.grid import GridSpec
-
-MAX_MAP_CELLS = 64_000_000
-"""Of the rectangle around all that was seen: 16 ha in cells of 0.05 m. Map, costs and pictures of it take
-about a gigabyte."""
 
 
 @dataclass(slots=True)
