@@ -10,7 +10,8 @@ What is finished is kept: the same command goes on where it was, and more garden
 later.
 
 Rows of slopes and datum are the same frames in a world that is turned about the start of the drive, or
-lifted: what the camera sees stays the same, only the map's axes differ.
+lifted: what the camera sees stays the same, only the map's axes differ. Rows of steps are terraces of simple
+solids, seen from the lawn before them.
 """
 
 import argparse
@@ -18,7 +19,7 @@ import json
 import os
 import shutil
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -30,8 +31,22 @@ from swardmap.eval.metrics import METRICS
 from swardmap.eval.results import metrics_of, safety_section
 from swardmap.eval.run import evaluate, make_plan
 from swardmap.geometry import Pose
+from swardmap.io.files import write_bytes
+from swardmap.io.images import encode_png
 from swardmap.io.sources.eden_layout import LIGHTS
-from swardmap.io.sources.truth import GROUND, GroundRaster, read_ground, write_ground
+from swardmap.io.sources.folder import write_folder
+from swardmap.io.sources.truth import (
+    GROUND,
+    GroundRaster,
+    KnownThing,
+    read_ground,
+    write_ground,
+    write_things,
+)
+from swardmap.labels import GRASS
+from swardmap.synth import analytic
+from swardmap.synth.analytic_noise import StereoNoise, with_sensor_noise
+from swardmap.synth.analytic_render import LAWN, cast
 from swardmap.synth.config import load_synth_config
 from swardmap.synth.plan import SynthPlan
 from swardmap.synth.produce import produce
@@ -57,28 +72,37 @@ class Row:
         margin_m: that marks are grown by; None = the configured one, or 0.10 m.
         slope_deg: of the world, positive uphill.
         datum_m: of the ground above the map's z = 0 where the drive begins.
+        step_m: of a terrace of simple solids in place of the gardens: how far the lawn rises ahead.
     """
 
     settings: tuple[str, ...] = ()
     margin_m: float | None = None
     slope_deg: float = 0.0
     datum_m: float = 0.0
+    step_m: float = 0.0
 
 
 ROWS: dict[str, Row] = {
     "as shipped": Row(),
-    "as shipped, no margin": Row(margin_m=0.0),
-    "as shipped, margin .40": Row(margin_m=0.4),
+    "no margin": Row(margin_m=0.0),
+    "margin .40": Row(margin_m=0.4),
     "true masks": Row(("segmenter.name=truth",)),
-    "min_confidence .7": Row(("segmenter.min_confidence=0.7",)),
+    "clearing by points alone": Row(("grid.clear_below=1",)),
     "geometry off": Row(("geometry.enabled=false",)),
-    "geometry on": Row(("geometry.enabled=true",)),
+    "geometry, 1 point": Row(("geometry.min_points=1",)),
+    "without the joint rule": Row(("geometry.doubt_above=1",)),
+    "none of these, no margin": Row(("grid.clear_below=1", "geometry.enabled=false"), margin_m=0.0),
+    "min_confidence .7": Row(("segmenter.min_confidence=0.7",)),
     "min_grass_points 5": Row(("grid.min_grass_points=5",)),
     **{f"slope {deg:+d} deg": Row(slope_deg=deg) for deg in (-15, -10, -5, 5, 10, 15)},
     **{f"datum {m:+d} m": Row(datum_m=m) for m in (-3, -1, 1, 3)},
     **{
         f"slope {deg:+d} deg, datum {m:+d} m": Row(slope_deg=deg, datum_m=m)
         for deg, m in ((10, 3), (-10, -3))
+    },
+    **{
+        f"step {m:+.1f} m, true masks": Row(("segmenter.name=truth",), step_m=m)
+        for m in (-0.3, -0.1, 0.1, 0.3)
     },
 }
 
@@ -160,6 +184,53 @@ def moved_ground(ground: GroundRaster, T_new_map: np.ndarray[Any, Any]) -> Groun
     return GroundRaster((float(low[0]), float(low[1])), ground.texel_m, now[..., 2].astype(np.float32))
 
 
+def terrace(step_m: float) -> tuple[analytic.Scene, GroundRaster, float]:
+    """A lawn that rises or falls 2 m ahead, boxes on both levels; its ground, and that of the camera."""
+    rise, low = max(step_m, 0.0), max(-step_m, 0.0)
+    x0, x1 = (2.0, 12.0) if step_m > 0 else (-10.0, 2.0)
+    step = analytic.Box(((x0 + x1) / 2, 0.0), (x1 - x0, 16.0, abs(step_m)), label=GRASS, material=LAWN)
+    places = ((1.5, -0.6, low), (1.6, 0.9, low), (2.8, 0.3, rise), (3.6, -0.9, rise), (4.6, 0.6, rise))
+    boxes = tuple(
+        analytic.Box((x, y), (0.2, 0.2, 0.15 + 0.1 * k), base_m=base) for k, (x, y, base) in enumerate(places)
+    )
+    columns = (np.arange(400) + 0.5) * 0.05 - 8.0
+    height = np.where((columns >= x0) & (columns < x1), abs(step_m), 0.0).astype(np.float32)
+    ground = GroundRaster((-8.0, -8.0), 0.05, np.tile(height, (320, 1)))
+    return analytic.Scene((step, *boxes), name=f"step{step_m:+g}"), ground, low
+
+
+def film_steps(out: Path, step_m: float, frames: int) -> Path:
+    """A drive towards a terrace, with stereo noise, exact depth and ids."""
+    here = out / "steps" / f"{step_m:+g}"
+    if (here / GROUND).is_file():
+        return here
+    shutil.rmtree(here, ignore_errors=True)
+    scene, ground, low = terrace(step_m)
+    poses = [Pose(p.parent, p.child, p.matrix + _lift(low)) for p in analytic.lane_poses(frames, step_m=0.1)]
+    exact = [analytic.render(scene, analytic.VGA, p, i * 10**9, f"{i:05d}") for i, p in enumerate(poses)]
+    tagged = [replace(f, tags={"scene": scene.name, "sequence": scene.name}) for f in exact]
+    noisy = (with_sensor_noise(f, np.random.default_rng(i), StereoNoise()) for i, f in enumerate(tagged))
+    write_folder(noisy, here)
+    for frame, pose in zip(exact, poses, strict=True):
+        surface = cast(scene.solids, (), analytic.VGA, pose).surface.astype(np.int64)
+        ids = np.where(surface > 0, surface + 1, 0).astype(np.uint16)  # the terrace itself is lawn
+        write_bytes(here / "instances" / f"{frame.name}.png", encode_png(ids))
+        write_bytes(here / "exact" / "depth" / f"{frame.name}.png", encode_png(frame.depth))
+    shutil.copy(here / "camera.yaml", here / "exact" / "camera.yaml")
+    boxes = [s for s in scene.solids if isinstance(s, analytic.Box)]
+    write_things(
+        here / "instances.json", {k + 1: KnownThing("box", b.size_m[2]) for k, b in enumerate(boxes)}
+    )
+    write_ground(here / GROUND, ground)
+    return here
+
+
+def _lift(height_m: float) -> np.ndarray[Any, np.dtype[np.float64]]:
+    lift = np.zeros((4, 4))
+    lift[2, 3] = height_m
+    return lift
+
+
 def records_of(
     name: str, row: Row, gardens: Mapping[str, Path], out: Path, workers: int
 ) -> tuple[Any, list[Any]]:
@@ -168,6 +239,8 @@ def records_of(
     config = load_config(overrides=list(row.settings))
     options = {} if row.margin_m is None else {"margin_m": row.margin_m}
     folder = "".join(c if c.isalnum() or c in "+-." else "_" for c in name)
+    if row.step_m:
+        gardens = {"steps": film_steps(out, row.step_m, 12)}
     for light, place in gardens.items():
         spec = DatasetSpec(str(moved(place, out, row).resolve()), config.source)
         plan = make_plan(

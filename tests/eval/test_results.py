@@ -16,6 +16,7 @@ from swardmap.eval.output import METRIC_HEAD, write_results
 from swardmap.eval.report import report_html
 from swardmap.eval.results import groups_of, map_total, mask_total, results, worst_first
 from swardmap.eval.run import evaluate, make_plan
+from swardmap.eval.safety import SafetyTally
 from swardmap.eval.tables import latex, markdown, paper_tables
 from swardmap.eval.tally import MapTally
 
@@ -101,11 +102,12 @@ def test_worst_frames_first(run: Run) -> None:
     order = worst_first(good, plan.main)
     assert [r["index"] for r in order] == found["worst"]
     assert sorted(found["worst"]) == [r["index"] for r in good]
-    free = [sum(m["called_free"] for m in r["missed"] if m["called_free"]) for r in order]
-    without = [r["maps"][plan.main]["frames"][2] for r in order]
-    assert without == sorted(without, reverse=True)
-    if not any(without) and not any(m["person"] for r in good for m in r["missed"]):
-        assert free == sorted(free, reverse=True)
+    tallies = [SafetyTally.from_dict(r["safety"]) for r in order]
+    stakes = [
+        (t.of_things(height="person")[2], t.of_things()[2], r["maps"][plan.main]["frames"][2])
+        for t, r in zip(tallies, order, strict=True)
+    ]
+    assert stakes == sorted(stakes, reverse=True)
 
 
 def test_the_papers_tables_in_its_layout(run: Run) -> None:

@@ -168,7 +168,7 @@ def safety_lines(found: dict[str, Any]) -> list[str]:
         one = section[key]
         interval = interval_text(one)
         more = f", 95 % by {found['unit']}: {interval}" if interval else ""
-        return f"{one['count']:g} of {one['of']:g} {name} ({metric(key).text(one['value'])}{more})"
+        return f"{one['count']} of {one['of']} {name} ({metric(key).text(one['value'])}{more})"
 
     near = metric("free_beyond_margin_near").text(section["free_beyond_margin_near"]["value"])
     kept = metric("lawn_kept_near").text(section["lawn_kept_near"]["value"])

@@ -85,9 +85,7 @@ def cards(results: Results) -> list[tuple[str, str, str]]:
     for key in CARDS:
         found, entry = results["metrics"]["overall"][key], metric(key)
         interval = interval_text(found)
-        more = (
-            f"{found['count']:g} of {found['of']:g}" if entry.unit == "%" else f"{found['of']:g} missed cells"
-        )
+        more = f"{found['count']} of {found['of']}" if entry.unit == "%" else f"{found['of']} missed cells"
         told.append(
             (entry.text(found["value"]), entry.title, f"{more}; 95 %: {interval}" if interval else more)
         )

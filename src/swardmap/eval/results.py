@@ -15,7 +15,7 @@ from swardmap.eval.margin_section import MarginOptions, margin_section
 from swardmap.eval.metrics import Tallies, metrics_section
 from swardmap.eval.safety import SafetyTally, things_rows, total_safety
 from swardmap.eval.tally import RANGE_BANDS_M, MapTally, total_of
-from swardmap.eval.things import HEIGHT_CLASSES
+from swardmap.eval.things import HEIGHT_CLASSES, PERSON
 
 Record = Mapping[str, Any]
 
@@ -205,13 +205,16 @@ def _by_size(tally: MapTally) -> list[dict[str, Any]]:
 
 
 def worst_first(records: Sequence[Record], key: str) -> list[Record]:
-    """Frames with most at stake first: nothing found, persons or obstacles missed, then by distance."""
+    """Frames with most at stake first: persons and things in danger, nothing found, cells missed."""
 
     def stake(record: Record) -> tuple[float, ...]:
         tally = MapTally.from_dict(record["maps"][key], split_key(key)[1])
         free = [m for m in record["missed"] if m["called_free"]]
         longest = tally.distances().summary().max_m or 0.0
+        safety = SafetyTally.from_dict(record["safety"])
         return (
+            -safety.of_things(height=PERSON)[2],
+            -safety.of_things()[2],
             -tally.frames_without_hit,
             -sum(m["called_free"] for m in free if m["person"]),
             -sum(m["called_free"] for m in free),

@@ -92,12 +92,12 @@ def safety_tables(results: Mapping[str, Any]) -> list[Table]:
     headlines = [m for m in METRICS if m.headline]
     data, unit = dataset_name(results["dataset"]), results["unit"]
     rows = tuple(
-        (m.title, m.text(found[m.key]["value"]), f"{found[m.key]['count']:g} of {found[m.key]['of']:g}",
+        (m.title, m.text(found[m.key]["value"]), f"{found[m.key]['count']} of {found[m.key]['of']}",
          interval_text(found[m.key]) or UNDEFINED)
         for m in headlines
     )  # fmt: skip
     margin = f"margin {results['margin_in_use_m']:g} m"
-    head = ("Figure", "Value [%]", "Count [of]", f"95 % by {unit or 'sequence'} [%]")
+    head = ("Figure", "Value", "Count", f"95 % by {unit or 'sequence'}")
     tables = [Table("S1", f"What a safety engineer reads first, {data}, {margin}.", head, rows, "safety")]
     shown = [m for m in headlines if not m.key.startswith(("things_5", "things_2", "things_over"))]
     for tag in ("illumination", "scene", "sequence"):
