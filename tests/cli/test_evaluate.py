@@ -144,8 +144,12 @@ def test_runs_are_compared(recording: Path, tmp_path: Path, capsys: pytest.Captu
     for name in ("truth", "colour"):
         run("evaluate", recording, "-o", tmp_path / name, "--segmenter", name, "--workers", 1, "--no-budget")
     capsys.readouterr()
-    run("compare", tmp_path / "truth", tmp_path / "colour")
+    run("compare", tmp_path / "truth", tmp_path / "colour", "--out", tmp_path / "compare.html")
     table = capsys.readouterr().out
+    page = (tmp_path / "compare.html").read_text()
+    assert "<h1>colour against truth</h1>" in page
+    assert "things dangerous" in page
+    assert str(tmp_path) not in page
     assert "6 frames, 6 frames" in table
     assert "pixels right" in table
     run("compare", tmp_path / "truth", tmp_path / "colour", "--json")

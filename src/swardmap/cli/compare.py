@@ -1,6 +1,8 @@
 """`swardmap compare`: evaluations side by side, with the confidence of their differences."""
 
 import json
+import shlex
+import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -12,7 +14,7 @@ from swardmap.errors import InputError
 
 EXAMPLES = """\b
 Example:
-  swardmap compare out/ other/ --unit sequence
+  swardmap compare out/ other/ --unit sequence --out compare.html
 """
 
 
@@ -24,6 +26,9 @@ def compare_command(
         str, typer.Option(help="What is independent: frame, or a tag such as sequence.")
     ] = "frame",
     confidence: Annotated[float, typer.Option(help="Of the intervals.")] = 0.95,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Write the tables as a page (HTML).")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Put evaluations side by side: what differs on the frames they share, and how sure that is."""
@@ -32,6 +37,12 @@ def compare_command(
     if not 0 < confidence < 1:
         raise InputError(f"expected a confidence between 0 and 1, got {confidence}")
     comparisons = compare_runs(runs, unit, confidence)
+    if out is not None:
+        from swardmap.eval.compare import comparison_html
+        from swardmap.io.files import write_text
+
+        command = "swardmap " + shlex.join(sys.argv[1:])
+        write_text(out, comparison_html(runs, comparisons, unit, confidence, command))
     if as_json:
         print(json.dumps([asdict(c) for c in comparisons], indent=2, allow_nan=False))
         return

@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from swardmap import __version__
 from swardmap.errors import InputError
 from swardmap.eval.metrics import METRICS, UNDEFINED, Pair, metric
+from swardmap.eval.pages import render, style_sheet, told_command
 from swardmap.eval.results import tallies_of
 from swardmap.eval.run import read_plan, read_records
 
@@ -162,3 +164,38 @@ def difference_row(found: Difference) -> tuple[str, ...]:
     )
     values = entry.text(found.first), entry.text(found.other), entry.text(found.difference, "+")
     return entry.title, *values, interval + (" *" if found.is_sure else "  ")
+
+
+def comparison_html(
+    folders: Sequence[Path], comparisons: Sequence[Comparison], unit: str, confidence: float, command: str
+) -> str:
+    """The comparisons as a page.
+
+    Args:
+        folders: of the runs, the first counts.
+        comparisons: from `compare_runs`.
+        unit: what was taken as independent.
+        confidence: of the intervals.
+        command: that made it.
+    """
+    first, *names = run_names(folders)
+    heads = ("", first, "{}", "difference", f"{100 * confidence:g} % interval")
+    return render(
+        "compare.html",
+        version=__version__,
+        title=f"{' and '.join(names)} against {first}",
+        style=style_sheet(),
+        first=first,
+        unit=unit,
+        command=told_command(command),
+        comparisons=[
+            {
+                "name": name,
+                "frames": one.frames,
+                "units": one.units,
+                "heads": [head.replace("{}", name) for head in heads],
+                "rows": [difference_row(d) for d in one.differences],
+            }
+            for name, one in zip(names, comparisons, strict=True)
+        ],
+    )

@@ -1,6 +1,7 @@
 """HTML from the templates in data/report; everything that is told is escaped there."""
 
 import shlex
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,14 @@ def render(template: str, **context: Any) -> str:
     )
     environment.filters.update(pct=pct, metres=metres, points=points, sentence=sentence)
     return environment.get_template(template).render(context)
+
+
+def style_sheet() -> Any:
+    """The style of all pages, as HTML."""
+    from markupsafe import Markup
+
+    text = resources.files("swardmap").joinpath("data/report/style.css").read_text("utf-8")
+    return Markup(text)  # noqa: S704 - a file of this package
 
 
 def told_command(command: str) -> str:

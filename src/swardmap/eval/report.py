@@ -1,7 +1,6 @@
 """The report: one HTML file that works from a disk, offline, on a phone and in print."""
 
 from collections.abc import Mapping, Sequence
-from importlib import resources
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ from swardmap.eval.distances import DistanceHistogram
 from swardmap.eval.frame import Plan
 from swardmap.eval.gallery import MAP_COLORS, frame_pictures
 from swardmap.eval.metrics import UNDEFINED, interval_text, metric
-from swardmap.eval.pages import metres, pct, points, render, told_command
+from swardmap.eval.pages import metres, pct, points, render, style_sheet, told_command
 from swardmap.eval.tables import paper_tables, safety_tables
 
 Results = Mapping[str, Any]
@@ -61,7 +60,7 @@ def report_html(plan: Plan, results: Results) -> str:
         title=f"How far the maps of {dataset_name(results['dataset'])} can be trusted",
         subtitle=f"{frames['evaluated']} of {frames['total']} frames, segmenter {results['segmenter']}, "
         f"maps {results['main']} m",
-        style=_markup(resources.files("swardmap").joinpath("data/report/style.css").read_text("utf-8")),
+        style=style_sheet(),
         sections=shown,
         command=told_command(results["command"]) or "made from Python",
         has_frames=has_frames,
