@@ -55,12 +55,14 @@ from swardmap.synth.stage import garden_stage
 SEED = 8110
 COLUMNS = (
     "obstacle_called_free", "free_near", "free_beyond_margin_near", "lawn_marked", "lawn_kept_near",
-    "things_missed", "things_dangerous", "corridor_missed", "false_stops", "unjudged_cells",
+    "things_missed", "things_missed_free", "things_dangerous", "corridor_missed", "false_stops",
+    "unjudged_cells",
 )  # fmt: skip
 HEADS = ("FN %", "FN <= 5 m", "beyond the margin <= 5 m", "FP %, margin included", "lawn kept <= 5 m",
-         "things missed", "dangerous", "corridor misses", "false stops", "left out of the truth %"
+         "things missed", "missed and called free", "dangerous", "corridor misses", "false stops",
+         "left out of the truth %"
 )  # fmt: skip
-COUNTED = ("things_missed", "things_dangerous", "corridor_missed", "false_stops")
+COUNTED = ("things_missed", "things_missed_free", "things_dangerous", "corridor_missed", "false_stops")
 
 
 @dataclass(frozen=True)

@@ -120,6 +120,11 @@ def _things(height: str | None, what: str) -> Callable[[Tallies], Pair]:
     return take
 
 
+def _missed_and_free(t: Tallies) -> Pair:
+    kinds = t.safety.things
+    return sum(n for kind, n in kinds.items() if kind.missed and kind.dangerous), sum(kinds.values())
+
+
 def _counts(name: str, of: str) -> Callable[[Tallies], Pair]:
     """One of the counts of `safety` over another."""
     return lambda t: (t.safety.count(name), t.safety.count(of))
@@ -140,6 +145,7 @@ def _things_metrics(height: str | None) -> tuple[Metric, ...]:
 
 METRICS: tuple[Metric, ...] = (
     *(entry for height in (None, *HEIGHT_CLASSES) for entry in _things_metrics(height)),
+    Metric("things_missed_free", "things missed and called free", "%", _missed_and_free, headline=True),
     Metric("corridor_missed", "corridors missed", "%", _counts("corridor_missed", "corridor_thing"),
            headline=True),
     Metric("false_stops", "false stops", "%", _counts("corridor_stopped", "corridor_clear"), headline=True),
