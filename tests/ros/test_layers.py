@@ -11,7 +11,7 @@ from swardmap.labels import MapClass
 from swardmap.mapping.log_odds_map import LogOddsMap
 from swardmap.mapping.work_area import Polygon, Role, WorkArea
 from swardmap.ros.layers import class_values, evidence_values, keepout_mask, speed_mask
-from tests.ros.test_session import one_robot
+from tests.ros.test_live_pipeline import one_robot
 
 SPEC = GridSpec(0.1, 60, 40, (-3.0, -2.0))
 
@@ -62,9 +62,9 @@ def test_evidence_is_the_probability_of_the_log_odds() -> None:
     robot = one_robot({"grid": {"mode": "log_odds"}})
     for i in range(6):
         robot.step(i, 0.1 * i)
-    grid = robot.session.engine.snapshot(None)
+    grid = robot.pipeline.mapper.snapshot(None)
     assert grid is not None
-    values = robot.session.engine.evidence(grid.spec)
+    values = robot.pipeline.mapper.evidence(grid.spec)
     assert values is not None
     evidence, lawn = EvidenceConfig(), values[grid.classes == MapClass.GRASS]
     # between the two thresholds a cell stays what it was
@@ -74,7 +74,7 @@ def test_evidence_is_the_probability_of_the_log_odds() -> None:
     assert lawn.mean() < 45 < 55 < values[grid.is_obstacle].mean()
     assert (values == -1).any()
     # by hand, of one cell
-    log_odds = robot.session.engine._mapper.log_odds
+    log_odds = robot.pipeline.mapper._mapper.log_odds
     assert isinstance(log_odds, LogOddsMap)
     row, column = np.argwhere(grid.is_obstacle)[0].tolist()
     ix, iy = (np.array([column, row]) + grid.spec.offset_in(log_odds.corner_cell)).tolist()
@@ -87,4 +87,4 @@ def test_evidence_is_the_probability_of_the_log_odds() -> None:
 def test_a_map_of_the_last_frame_has_no_evidence() -> None:
     robot = one_robot()
     robot.step(0, 0.0)
-    assert robot.session.engine.evidence(SPEC) is None
+    assert robot.pipeline.mapper.evidence(SPEC) is None

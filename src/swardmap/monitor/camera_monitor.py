@@ -10,7 +10,7 @@ NS = 1_000_000_000
 MAX_ARRIVALS = 16384
 
 
-class CameraWatch:
+class CameraMonitor:
     """What is remembered of one camera.
 
     Args:

@@ -33,7 +33,7 @@ REASON_UNFIT = "frame that the watchdog refused"
 REASON_LATE = "frame older than the map by more than a second"
 
 
-class Engine:
+class WatchedMapper:
     """One map, its watchdog, and the segmenter of all cameras.
 
     Attributes:
