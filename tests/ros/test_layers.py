@@ -10,6 +10,9 @@ from swardmap.grid import GridSpec, OccupancyGrid
 from swardmap.labels import MapClass
 from swardmap.mapping.log_odds_map import LogOddsMap
 from swardmap.mapping.work_area import Polygon, Role, WorkArea
+from swardmap.perception.ground_surface import Ground
+from swardmap.perception.observation import Observation, PixelCounts
+from swardmap.ros.ground_heights import GroundHeights
 from swardmap.ros.layers import class_values, evidence_values, keepout_mask, speed_mask
 from tests.ros.test_live_pipeline import one_robot
 
@@ -88,3 +91,41 @@ def test_a_map_of_the_last_frame_has_no_evidence() -> None:
     robot = one_robot()
     robot.step(0, 0.0)
     assert robot.pipeline.mapper.evidence(SPEC) is None
+
+
+def test_height_is_that_of_the_ground_against_the_base() -> None:
+    """A ramp by hand, given as two frames; the later one wins where both see."""
+    spec = GridSpec(0.5, 8, 4, (-2.0, -1.0))
+    heights = GroundHeights(spec)
+    heights.integrate(seen_ground(spec, slope=0.1, c_m=120.0))
+    values = heights.values(spec, 120.19)
+    x = 0.5 * (np.arange(8) + 0.5)  # from the grid's corner
+    np.testing.assert_array_equal(values, np.tile(np.round((0.1 * x - 0.19) / 0.05) + 50, (4, 1)))
+    heights.integrate(seen_ground(spec, slope=0.0, c_m=121.0, carried=True))
+    np.testing.assert_array_equal(heights.values(spec, 120.19), values)  # a ground carried over was not seen
+    heights.integrate(seen_ground(spec, slope=0.0, c_m=125.0))
+    assert (heights.values(spec, 120.2) == 100).all()
+    beside = GridSpec(0.5, 8, 4, (50.0, -1.0))
+    assert (heights.values(beside, 120.2) == -1).all()
+
+
+def seen_ground(spec: GridSpec, slope: float, c_m: float, carried: bool = False) -> Observation:
+    cells = spec.width * spec.height
+    offset = np.zeros(cells, np.float32)
+    ground = Ground(np.array([slope, 0.0, c_m]), offset, offset, carried)
+    classes, points = np.ones(spec.shape, np.uint8), np.zeros((*spec.shape, 4), np.uint32)
+    counts = PixelCounts(*[0] * 9)
+    return Observation(spec, classes, points, (0.0, 0.0, c_m + 1), 1, counts, classes, ground)
+
+
+def test_the_node_has_heights_of_the_lawn_it_saw() -> None:
+    robot = one_robot()
+    for i in range(4):
+        robot.step(i, 0.1 * i)
+    grid = robot.pipeline.mapper.snapshot(None)
+    assert grid is not None
+    values = robot.pipeline.mapper.heights(grid.spec, 0.0)
+    assert values is not None
+    lawn = values[grid.classes == MapClass.GRASS]
+    assert (lawn >= 0).mean() > 0.95
+    assert np.abs(lawn[lawn >= 0].astype(int) - 50).max() <= 2  # level within 10 cm

@@ -15,7 +15,7 @@ from swardmap.ros.bond import Bond
 from swardmap.ros.inputs import is_compressed
 from swardmap.ros.lifecycle import refuse_wrong_transitions
 from swardmap.ros.live_pipeline import LivePipeline
-from swardmap.ros.map_outputs import MapOutputs
+from swardmap.ros.map_outputs import Layer, MapOutputs
 from swardmap.ros.outputs import Outputs
 from swardmap.ros.parameters import Declaration, Parameters, changed, declarations, parameters_from
 from swardmap.ros.services import serve
@@ -361,7 +361,6 @@ class RobotNode:
             pipeline.load.published(grid.stamp_ns, self._now_ns())
             around_m, range_m = pipeline.mapper.viewpoint_m, node.obstacle_cells_range_m
             outputs.publish_cells(grid, around_m, range_m, pipeline.robot_z_m)
-            evidence = (
-                pipeline.mapper.evidence(grid.spec) if outputs.of_map.heard("layers/evidence") else None
-            )
-            outputs.of_map.publish(grid, evidence, pipeline.T_map_base, node)
+            heights = partial(pipeline.mapper.heights, base_z_m=pipeline.robot_z_m)
+            layers: dict[str, Layer] = {"layers/evidence": pipeline.mapper.evidence, "layers/height": heights}
+            outputs.of_map.publish(grid, layers, pipeline.T_map_base, node)
