@@ -56,7 +56,7 @@ class RunWriter:
         """Write what one frame gave."""
         output, name = self._config.output, _file_name(step, self._frames)
         self._frames += 1
-        self._album.add(step.frame, step.segmentation, step.frame.T_map_camera)
+        self._album.add(step.frame, step.segmentation, step.seen, step.T_map_camera)
         if output.clouds != "none":
             write_cloud(step.cloud(self._config), self._folder / "clouds" / f"{name}.{output.clouds}")
         if output.frame_maps or step.frame.T_map_camera is None:
