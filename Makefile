@@ -4,8 +4,9 @@ VENV   ?= .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 VENV_ROS := .venv-ros
+FUZZ_SECONDS ?= 1800
 
-.PHONY: demo test coverage test-slow test-ros test-pythons docs full-setup check format bench wheels wheel-check clean
+.PHONY: demo test coverage test-slow fuzz test-ros test-pythons docs full-setup check format bench wheels wheel-check clean
 
 $(READY): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -29,6 +30,9 @@ coverage: $(READY)        ## all tests but the slow ones, with floors on lines c
 
 test-slow: $(READY)       ## the slow tests
 	$(BIN)/python -m pytest -m slow
+
+fuzz: $(READY)            ## damaged files for every reader, for FUZZ_SECONDS (1800); failing ones stay in fuzz_failures/
+	$(BIN)/python -m tests.fuzz.run $(FUZZ_SECONDS)
 
 test-ros:                 ## the ROS 2 node over real DDS; skipped where there are no wheels of ROS
 	$(PYTHON) -m venv $(VENV_ROS)

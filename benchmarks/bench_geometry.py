@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 
 from swardmap.config import Config, GeometryConfig, SegmenterConfig
 from swardmap.eval.dmin import find_misses
-from swardmap.eval.maps import dense, frame_map, spec_of, true_segmentation
+from swardmap.eval.maps import frame_map, spec_of, true_segmentation
+from swardmap.eval.truth import dense_map, true_pixels
 from swardmap.geometry import Pose
 from swardmap.grid import OccupancyGrid
 from swardmap.io import open_source
@@ -262,7 +263,7 @@ def measure(views: Iterable[Shown], config: Config = CONFIG) -> dict[str, Tally]
         pose = noisy.T_map_camera
         assert pose is not None
         spec = spec_of(noisy, pose, config)
-        truth = frame_map(exact, true_segmentation(exact), pose, dense(config), spec).classes
+        truth = dense_map(true_pixels(exact, pose, config), true_segmentation(exact), spec).classes
         semantic = frame_map(noisy, mask, pose, off, spec)
         both = frame_map(noisy, mask, pose, config, spec)
         marks = observe(noisy, mask, pose, spec, config).geometry

@@ -241,7 +241,7 @@ def _compare(hour: Hour, grid: OccupancyGrid | None, at_once: AtOnce, scene: Sce
 def _save(hour: Hour, mapper: ObstacleMapper, path: Path, frames: Iterator[Frame]) -> None:
     living = mapper.log_odds
     assert living is not None
-    write_living(living, path)
+    write_living(living, path, CONFIG)
     hour.file_mb = path.stat().st_size / 1e6
     loaded = read_living_map(path, CONFIG)
     hour.saved_equal = same(living, loaded)

@@ -10,7 +10,8 @@ from scipy import ndimage
 
 from swardmap.config import Config
 from swardmap.eval.dmin import d_min_obst
-from swardmap.eval.maps import dense, frame_map, true_segmentation
+from swardmap.eval.maps import spec_of, true_segmentation
+from swardmap.eval.truth import dense_map, true_pixels
 from swardmap.geometry import Intrinsics, Pose, project
 from swardmap.grid import GridSpec, OccupancyGrid, overlap
 from swardmap.io import open_source
@@ -117,12 +118,13 @@ def _in_view(spec: GridSpec, frame: Frame, height_m: float = 0.5) -> NDArray[np.
 
 
 def _seen_truths(exact: object, spec: GridSpec) -> dict[int, NDArray[np.uint8]]:
-    reference = dense(Config())
+    config = Config()
     obstacle, grass, person = (np.zeros(spec.shape, np.bool_) for _ in range(3))
     truths = {}
     for i, frame in enumerate(exact):  # type: ignore[var-annotated, arg-type]
         assert frame.T_map_camera is not None
-        shown = frame_map(frame, true_segmentation(frame), frame.T_map_camera, reference)
+        pixels = true_pixels(frame, frame.T_map_camera, config)
+        shown = dense_map(pixels, true_segmentation(frame), spec_of(frame, frame.T_map_camera, config))
         now = np.zeros(spec.shape, np.uint8)
         here, there = overlap(shown.spec, spec)
         now[there] = shown.classes[here]

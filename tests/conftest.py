@@ -1,6 +1,8 @@
 """Fixtures shared by all tests: where optional data lies, and small frames with a known map."""
 
 import os
+import signal
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +19,13 @@ __all__ = ["pytest_addoption", "pytest_configure"]  # hooks that pytest finds he
 # the first example of a property may wait for a kernel to compile
 settings.register_profile("swardmap", deadline=None)
 settings.load_profile("swardmap")
+
+# a run in the background (nohup make test &) begins with Ctrl-C ignored, and so would all it starts
+if (
+    signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    and threading.current_thread() is threading.main_thread()
+):
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session")

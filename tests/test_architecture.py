@@ -29,7 +29,7 @@ MAY_IMPORT: dict[str, tuple[str, ...]] = {
     "runs": (*CORE, "kernels", "io", "models", "viz"),
     "eval": (*CORE, "kernels", "runs", "io", "models", "viz"),
     "synth": (*CORE, "runs", "io"),
-    "train": (*CORE, "io", "models"),
+    "train": (*CORE, "io", "models", "eval"),  # for the confusion matrix
     "ros": (*CORE, "kernels", "runs", "io", "models"),
 }
 """Which rooms a room may import; the command line, the package's door and `python -m` may import all."""

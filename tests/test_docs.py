@@ -142,9 +142,9 @@ def test_the_layout_shown_is_read(tmp_path: Path) -> None:
         deproject(np.ones((480, 640)), Intrinsics(640, 480, 600.0, 600.0, 319.5, 239.5)) @ pose.matrix[2, :3]
     )
     lawn = np.where(rays < -0.1, -place[2] / np.minimum(rays, -0.1), 0)
-    for name in names:
-        write_bytes(tmp_path / f"rgb/{name}.png", encode_png(np.zeros((480, 640, 3), np.uint8)))
-        write_bytes(tmp_path / f"depth/{name}.png", encode_png((1000 * lawn).astype(np.uint16)))
+    for shift, name in enumerate(names):  # no two images the same, as of no camera
+        write_bytes(tmp_path / f"rgb/{name}.png", encode_png(np.full((480, 640, 3), 90 + shift, np.uint8)))
+        write_bytes(tmp_path / f"depth/{name}.png", encode_png((1000 * lawn + shift).astype(np.uint16)))
         write_bytes(tmp_path / f"labels/{name}.png", encode_png(np.ones((480, 640), np.uint8)))
     frames = list(open_source(tmp_path, SourceConfig()))
     assert [frame.name for frame in frames] == names

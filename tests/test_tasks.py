@@ -33,7 +33,7 @@ def run_shown(command: str, folder: Path) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(900)
 def test_a_bag_is_mapped_as_the_page_says(tmp_path: Path) -> None:
     made = run_shown(f"swardmap record {DEMO} -o drive.mcap", tmp_path)
     assert made.returncode == 0, made.stderr

@@ -49,6 +49,34 @@ class MissingExtraError(SwardmapError, ImportError):
     """An optional package that is not installed."""
 
 
+MAX_MESSAGE = 300
+"""Letters of a message; what is longer is no line that a person reads."""
+
+
+def one_line(error: object, limit: int = MAX_MESSAGE) -> str:
+    """What an error says, or its kind if it says nothing, in one line of at most `limit` letters."""
+    text = " ".join(str(error).split()) or type(error).__name__
+    text = "".join(c if c.isprintable() else "?" for c in text)
+    if len(text) <= limit:
+        return text
+    tail = 2 * limit // 5 if limit >= MAX_MESSAGE else 0  # where a message says what to do
+    return f"{text[: limit - tail - 4]} ...{text[len(text) - tail :]}"
+
+
+def shortened(value: object, limit: int = 80) -> str:
+    """A value from outside as a message may show it: as Python writes it, cut where it is long.
+
+    >>> shortened("x" * 200, 12)
+    "'xxxxxxx ..."
+    """
+    part = value[:limit] if isinstance(value, (str, bytes)) else value
+    try:
+        text = repr(part)
+    except (ValueError, RecursionError):  # a whole number of 5,000 digits
+        text = f"a {type(value).__name__}"
+    return one_line(text, limit)
+
+
 def require(module: str, extra: str, hint: str = "") -> ModuleType:
     """Import an optional module or say how to get it.
 

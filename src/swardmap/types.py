@@ -31,6 +31,8 @@ class Frame:
         labels: (H, W) uint8 true classes in ids of `label_set`, when the source has them.
         label_set: classes of `labels`.
         name: what a person would call this frame: file stem or index.
+        depth_filtered: whether the source took flying pixels out of depth as it came from the sensor, before
+            it aligned it: after that they cannot be told any more.
         tags: fields to group by, such as scene, illumination, sequence.
     """
 
@@ -44,6 +46,7 @@ class Frame:
     label_set: LabelSet | None = None
     name: str = ""
     tags: Mapping[str, str] = field(default_factory=dict)
+    depth_filtered: bool = False
 
     def __post_init__(self) -> None:
         size = (self.intrinsics.height, self.intrinsics.width)

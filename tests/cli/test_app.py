@@ -18,7 +18,7 @@ from swardmap.cli.app import app, run
 from swardmap.config import Config, config_from_dict
 from swardmap.errors import OutputError
 from swardmap.geometry import Intrinsics
-from swardmap.io.files import MARKER
+from swardmap.io.folders import MARKER
 from swardmap.io.sources.folder import write_folder
 from swardmap.runs.recording import map_recording
 from swardmap.synth.analytic import AnalyticSource, garden_scene, lane_poses

@@ -5,7 +5,7 @@ from swardmap.io import open_source
 from swardmap.labels import GRASS, OTHER, PERSON
 from tests.io.contract import check_source
 
-MOST_BYTES = 4_000_000
+MOST_BYTES = 6_000_000
 
 
 def test_the_bundled_drive_is_a_whole_recording_with_true_labels() -> None:

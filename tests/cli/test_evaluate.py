@@ -65,11 +65,12 @@ def test_a_recording_becomes_tables_report_and_margin(
     assert found["cost"]["margin_m"] == margin.margin_m
 
 
-def test_true_labels_have_no_error_in_the_mask_rung(recording: Path, tmp_path: Path) -> None:
-    run("evaluate", recording, "-o", tmp_path / "out", "--segmenter", "truth", "--workers", 1)
+def test_true_labels_have_no_error_in_the_mask_stage(recording: Path, tmp_path: Path) -> None:
+    run("evaluate", recording, "-o", tmp_path / "out", "--segmenter", "truth", "--workers", 1,
+        "--protocol", "dense", "--protocol", "paper-own")  # fmt: skip
     found = json.loads((tmp_path / "out" / "results.json").read_text())
     assert found["masks"]["overall"]["accuracy"] == 1
-    rows = {row["rung"]: row for row in found["budget"]["rows"]}
+    rows = {row["stage"]: row for row in found["budget"]["rows"]}
     assert rows["+ mask"]["added"] == {
         k: 0.0 if v is not None else None for k, v in rows["+ mask"]["added"].items()
     }
@@ -80,7 +81,7 @@ def test_true_labels_have_no_error_in_the_mask_rung(recording: Path, tmp_path: P
         or "no frame" in found["margin"]["reason"]
     )
     assert not (tmp_path / "out" / "margin.yaml").exists()
-    paper = found["maps"]["paper@0.05"]["overall"]["joined"]
+    paper = found["maps"]["paper-own@0.05"]["overall"]["joined"]
     assert paper["accuracy"] == 1
     assert all(c["f1"] in (1, None) for c in paper["classes"])
 
@@ -143,13 +144,17 @@ def test_runs_are_compared(recording: Path, tmp_path: Path, capsys: pytest.Captu
     for name in ("truth", "colour"):
         run("evaluate", recording, "-o", tmp_path / name, "--segmenter", name, "--workers", 1, "--no-budget")
     capsys.readouterr()
-    run("compare", tmp_path / "truth", tmp_path / "colour")
+    run("compare", tmp_path / "truth", tmp_path / "colour", "--out", tmp_path / "compare.html")
     table = capsys.readouterr().out
+    page = (tmp_path / "compare.html").read_text()
+    assert "<h1>colour against truth</h1>" in page
+    assert "things dangerous" in page
+    assert str(tmp_path) not in page
     assert "6 frames, 6 frames" in table
     assert "pixels right" in table
     run("compare", tmp_path / "truth", tmp_path / "colour", "--json")
     (comparison,) = json.loads(capsys.readouterr().out)
-    first = comparison["differences"][0]
+    (first,) = (d for d in comparison["differences"] if d["key"] == "pixels_right")
     assert first["first"] == 1
     assert first["low"] <= first["difference"] <= first["high"] <= 0
     with pytest.raises(InputError, match="confidence"):
@@ -174,7 +179,7 @@ def test_wrong_use_is_one_clear_error(recording: Path, tmp_path: Path) -> None:
         )
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "letter.txt").write_text("mine")
-    with pytest.raises(OutputError, match="holds no evaluation"):
+    with pytest.raises(OutputError, match="was not made by swardmap"):
         run("evaluate", recording, "-o", tmp_path / "full")
     with pytest.raises(InputError, match="swardmap evaluate"):
         run("compare", tmp_path / "full", tmp_path / "full")

@@ -6,7 +6,7 @@ import pytest
 from swardmap.config import CloudConfig, Config, GeometryConfig, GridConfig
 from swardmap.errors import InvalidValueError
 from swardmap.eval.budget import (
-    RUNGS,
+    ABLATIONS,
     PoseNoise,
     RealAndTrue,
     budget,
@@ -14,7 +14,7 @@ from swardmap.eval.budget import (
     missing_stages,
     noisy_pose,
 )
-from swardmap.eval.maps import compare_maps, dense, frame_map, true_segmentation
+from swardmap.eval.maps import FrameMaps, compare_maps, spec_of, true_segmentation
 from swardmap.geometry import Pose
 from swardmap.grid import OccupancyGrid
 from swardmap.labels import GRASS_OBSTACLE_PERSON
@@ -47,21 +47,27 @@ def pose(frame: Frame) -> Pose:
     return frame.T_map_camera
 
 
+def dense(frame: Frame, config: Config) -> OccupancyGrid:
+    """The map of true labels, nothing filtered."""
+    spec = spec_of(frame, pose(frame), config)
+    return FrameMaps().dense(frame, true_segmentation(frame), pose(frame), config, spec)
+
+
 def moved(T: Pose, dx_m: float) -> Pose:
     matrix = T.matrix.copy()
     matrix[0, 3] += dx_m
     return Pose(T.parent, T.child, matrix)
 
 
-def test_with_everything_true_every_rung_is_the_processing_alone() -> None:
+def test_with_everything_true_every_stage_is_the_processing_alone() -> None:
     frame = clean_frame()
     tallies = budget(RealAndTrue(frame, true_segmentation(frame), pose(frame), frame, pose(frame)), CONFIG)
-    assert tallies.keys() == RUNGS.keys()
+    assert tallies.keys() == ABLATIONS.keys()
     assert tallies["truth"].matrix.accuracy == 1
     assert tallies["mask alone"] == tallies["depth alone"] == tallies["pose alone"] == tallies["truth"]
     assert tallies["+ pose"] == tallies["+ depth"] == tallies["+ mask"] == tallies["processing alone"]
     for row in budget_rows(tallies):
-        if row.rung in ("+ mask", "+ depth", "+ pose"):
+        if row.stage in ("+ mask", "+ depth", "+ pose"):
             assert set(row.added.values()) <= {0.0, None}
 
 
@@ -69,12 +75,12 @@ def test_a_pose_off_by_n_cells_is_blamed_on_the_pose_with_the_figures_of_a_shift
     frame, n = clean_frame(), 2
     sides = RealAndTrue(frame, true_segmentation(frame), pose(frame), frame, moved(pose(frame), n * R))
     tallies = budget(sides, CONFIG)
-    reference = frame_map(frame, true_segmentation(frame), pose(frame), dense(CONFIG))
+    reference = dense(frame, CONFIG)
     shifted = OccupancyGrid(reference.spec, np.roll(reference.classes, n, axis=1))
     expected = compare_maps(reference, shifted, pose(frame).position_m[:2]).tally
     assert tallies["pose alone"] == expected
     assert expected.matrix.obstacle_called_free.count > 10
-    rows = {row.rung: row for row in budget_rows(tallies)}
+    rows = {row.stage: row for row in budget_rows(tallies)}
     assert rows["+ mask"].added["called_free"] == rows["+ depth"].added["called_free"] == 0
     assert (rows["+ pose"].added["called_free"] or 0) > 0.05
 
@@ -88,7 +94,7 @@ def test_a_deleted_obstacle_is_blamed_on_the_mask_and_missed_as_a_whole() -> Non
     mask[persons] = 1
     sides = RealAndTrue(frame, Segmentation(mask, GRASS_OBSTACLE_PERSON), pose(frame), frame, pose(frame))
     tallies = budget(sides, CONFIG)
-    rows = {row.rung: row for row in budget_rows(tallies)}
+    rows = {row.stage: row for row in budget_rows(tallies)}
     gone = rows["mask alone"].missed
     assert gone >= 1
     assert all(kind.person for kind in tallies["mask alone"].missed)
@@ -97,7 +103,7 @@ def test_a_deleted_obstacle_is_blamed_on_the_mask_and_missed_as_a_whole() -> Non
     assert (rows["+ mask"].added["missed"] or 0) >= gone - rows["processing alone"].missed
     assert rows["+ depth"].added["missed"] == rows["+ pose"].added["missed"] == 0
     # every cell of the person is missed, at its distance to the boxes
-    reference = frame_map(frame, true_segmentation(frame), pose(frame), dense(CONFIG))
+    reference = dense(frame, CONFIG)
     assert tallies["mask alone"].distances(person=True).count == (reference.classes == 3).sum()
 
 
@@ -106,7 +112,7 @@ def test_a_mask_moved_sideways_is_blamed_on_the_mask() -> None:
     assert frame.labels is not None
     mask = np.roll(frame.labels, 6, axis=1)
     sides = RealAndTrue(frame, Segmentation(mask, GRASS_OBSTACLE_PERSON), pose(frame), frame, pose(frame))
-    rows = {row.rung: row for row in budget_rows(budget(sides, CONFIG))}
+    rows = {row.stage: row for row in budget_rows(budget(sides, CONFIG))}
     assert (rows["+ mask"].added["called_free"] or 0) > 0.05
     assert rows["+ depth"].added["called_free"] == rows["+ pose"].added["called_free"] == 0
     assert rows["pose alone"].called_free.count == rows["depth alone"].called_free.count == 0
@@ -119,7 +125,7 @@ def test_depth_noise_is_blamed_on_the_depth_and_grows_with_its_sigma() -> None:
         noise = StereoNoise(sigma_m, dropout=0, flying=0)
         noisy = with_sensor_noise(frame, np.random.default_rng(0), noise)
         sides = RealAndTrue(noisy, true_segmentation(frame), pose(frame), frame, pose(frame))
-        rows = {row.rung: row for row in budget_rows(budget(sides, CONFIG))}
+        rows = {row.stage: row for row in budget_rows(budget(sides, CONFIG))}
         false_alarms.append(rows["depth alone"].false_alarm.value or 0)
         deltas.append(rows["+ depth"].added["false_alarm"])
         assert rows["+ mask"].added["false_alarm"] == rows["+ pose"].added["false_alarm"] == 0
@@ -142,19 +148,19 @@ def test_a_wall_measured_too_far_has_the_distance_of_arithmetic() -> None:
     seen_wall = int(tally.matrix.scores("obstacle").support)
     assert seen_wall > 50
     assert tally.matrix.obstacle_not_seen.count == seen_wall  # nobody sees the lawn under a wall
-    reference = frame_map(frame, true_segmentation(frame), pose(frame), dense(config))
-    predicted = frame_map(late_frame, true_segmentation(frame), pose(frame), dense(config), reference.spec)
+    reference = dense(frame, config)
+    predicted = dense(late_frame, config)
     columns = [np.unique(np.nonzero(grid.classes >= 2)[1]).tolist() for grid in (reference, predicted)]
     assert [c + 2 for c in columns[0]] == columns[1]
 
 
-def test_without_clean_depth_the_rungs_that_need_it_are_left_out_and_named() -> None:
+def test_without_clean_depth_the_stages_that_need_it_are_left_out_and_named() -> None:
     frame = clean_frame()
     tallies = budget(RealAndTrue(frame, true_segmentation(frame), pose(frame), None, pose(frame)), CONFIG)
     assert "+ depth" not in tallies
     assert "depth alone" not in tallies
     assert "+ pose" in tallies
-    assert [row.rung for row in budget_rows(tallies)][:4] == ["truth", "+ processing", "+ mask", "+ pose"]
+    assert [row.stage for row in budget_rows(tallies)][:4] == ["truth", "+ processing", "+ mask", "+ pose"]
     assert missing_stages(False, True).keys() == {"depth"}
     assert missing_stages(True, False).keys() == {"pose"}
     bare = budget(RealAndTrue(frame, true_segmentation(frame), pose(frame)), CONFIG)

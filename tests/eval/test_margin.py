@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -6,13 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swardmap.config import load_config
+from swardmap.config import Config, config_to_dict, load_config
 from swardmap.errors import InputError, InvalidValueError
 from swardmap.eval.margin import Claim, measure_margin, unit_misses, units_needed
 from swardmap.eval.margin_statement import margin_of, statement_of
 from swardmap.eval.tally import MapTally, MissKind
 from swardmap.io.files import write_text
-from swardmap.io.maps.margin_file import Margin, margin_text, read_margin
+from swardmap.io.maps.margin_file import Margin, margin_text, measured_with, read_margin
 
 Units = dict[str, dict[int, int]]
 
@@ -123,7 +124,9 @@ def test_units_needed_are_those_of_wilks() -> None:
     assert few.every_cell_m is None
     assert "at least 299 independent frames" in few.reason
     assert "got 298" in few.reason
-    assert few.claimable_share < 0.99 < enough.claimable_share
+    assert few.claimable_share == 0.989
+    assert enough.claimable_share == 0.99
+    assert "1 more without an uncovered cell would do; these carry a share of 0.989 at most" in few.reason
 
 
 def test_frames_without_misses_do_not_count() -> None:
@@ -230,6 +233,36 @@ def test_a_file_that_is_not_one_is_refused(tmp_path: Path, text: str) -> None:
     file.write_text(text)
     with pytest.raises(InputError, match=r"margin\.yaml"):
         read_margin(file)
+
+
+def test_the_file_says_what_it_was_measured_with(tmp_path: Path) -> None:
+    here = measured_with(config_to_dict(Config()), "auto (network 1234abcd)")
+    file = tmp_path / "margin.yaml"
+    write_text(file, margin_text(Margin(0.15, 0.2, here), "Measured."))
+    found = read_margin(file).measured
+    assert found == here
+    assert load_config(file).costmap.margin_m == 0.15  # it stays a piece of configuration
+    assert found is not None
+    assert found.differences(here) == []
+    grid = replace(Config().grid, resolution_m=0.1, min_points=5)
+    there = measured_with(config_to_dict(replace(Config(), grid=grid)), "colour")
+    assert found.differences(there) == [
+        "resolution: 0.05 m there, 0.1 m here",
+        "segmenter: auto (network 1234abcd) there, colour here",
+        "grid.min_points: 1 there, 5 here",
+    ]
+    write_text(file, "# measured_with: {oops\n\ncostmap: {margin_m: 0.1}\n")
+    with pytest.raises(InputError, match="measured_with"):
+        read_margin(file)
+
+
+def test_the_share_that_can_be_carried_is_carried(tmp_path: Path) -> None:
+    rows = named([{1: 3, 4: 1}] * 40 + [{1: 1, -1: 1}])
+    refused = measure_margin(rows, 0.05)
+    assert refused.margin_m is None
+    assert measure_margin(rows, 0.05, refused.claimable_share).margin_m is not None
+    assert measure_margin(rows, 0.05, refused.claimable_share + 0.001).margin_m is None
+    assert measure_margin(named([{-1: 1}] * 40), 0.05).claimable_share == 0
 
 
 def test_absent_file_and_senseless_shares_are_refused(tmp_path: Path) -> None:

@@ -47,7 +47,19 @@ def test_the_page_stands_alone_and_escapes_what_it_is_told(page: Path) -> None:
     assert "$" not in html.split("</style>")[1]
     assert html.index("Grow obstacles by") < html.index('<h2 id="budget">')
     assert html.count('class="frame"') == 5
-    assert html.count("<details>") == 13
+    assert html.count("<details>") == 14
+
+
+def test_no_folder_of_this_machine_is_told(page: Path, tmp_path: Path) -> None:
+    plan = make_plan(DatasetSpec("analytic:scenes=1,frames=1,width=96"))
+    found = results(
+        plan, [{"index": 0, "error": "gone"}], command="swardmap evaluate /home/me/lawn -o /srv/out"
+    )
+    found["dataset"] = "/home/me/lawn"
+    html = report_html(plan, found)
+    assert "/home/me" not in html
+    assert "swardmap evaluate lawn -o out" in html
+    assert str(page.parent) not in page.read_text(encoding="utf-8")
 
 
 def test_charts_take_nothing_and_one_value() -> None:
@@ -102,6 +114,15 @@ def test_in_chromium_it_fits_every_screen_and_asks_for_nothing(page: Path, brows
     small = tab.evaluate("Math.min(...[...document.querySelectorAll('svg.chart text')]"
                          ".map(t => t.getBoundingClientRect().height))")  # fmt: skip
     assert small > 7  # still readable
+    broken = """[...document.querySelectorAll('th')].filter(th => {
+        const words = th.textContent.split(/\\s+/), range = document.createRange(), text = th.firstChild;
+        if (!text) return false;
+        let at = 0;
+        return words.some(word => { at = text.data.indexOf(word, at); range.setStart(text, at);
+            range.setEnd(text, at + word.length); at += word.length;
+            return word.length > 0 && range.getClientRects().length > 1 && !word.includes('-'); });
+    }).map(th => th.textContent)"""
+    assert tab.evaluate(broken) == []  # no header breaks inside a word
     tab.locator("summary").first.click()
     assert tab.locator("details[open] table").count() == 1
     tab.close()

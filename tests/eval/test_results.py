@@ -16,6 +16,7 @@ from swardmap.eval.output import METRIC_HEAD, write_results
 from swardmap.eval.report import report_html
 from swardmap.eval.results import groups_of, map_total, mask_total, results, worst_first
 from swardmap.eval.run import evaluate, make_plan
+from swardmap.eval.safety import SafetyTally
 from swardmap.eval.tables import latex, markdown, paper_tables
 from swardmap.eval.tally import MapTally
 
@@ -26,7 +27,9 @@ COMMAND = "swardmap evaluate 'a <b> & c' -o out"
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     config = config_from_dict({"segmenter": {"name": "colour"}})
-    plan = make_plan(DatasetSpec("analytic:scenes=2,frames=4,width=128"), config)
+    plan = make_plan(
+        DatasetSpec("analytic:scenes=2,frames=4,width=128"), config, protocols=("dense", "paper-own")
+    )
     records = evaluate(plan, tmp_path_factory.mktemp("run"), workers=1)
     records[5] = {"index": 5, "error": "rgb/<5>.png is truncated"}
     return plan, records, results(plan, records, MarginOptions(0.5, 0.8), COMMAND)
@@ -54,15 +57,15 @@ def test_results_are_json_without_nan_and_tell_what_was_left_out(run: Run) -> No
     assert again["frames"] == {
         "total": 8, "evaluated": 7, "unreadable": [{"index": 5, "error": "rgb/<5>.png is truncated"}],
     }  # fmt: skip
-    assert set(again["maps"]) == {"dense@0.05", "dense@0.1", "paper@0.05", "paper@0.1"}
+    assert set(again["maps"]) == {"dense@0.05", "dense@0.1", "paper-own@0.05", "paper-own@0.1"}
     assert again["budget"]["not_run"] == {}
-    assert again["budget"]["rows"][0]["rung"] == "truth"
+    assert again["budget"]["rows"][0]["stage"] == "truth"
 
 
 def test_the_first_protocol_of_the_budget_is_the_main_map(run: Run) -> None:
     """+ depth is the whole pipeline on true poses against clean truth: the dense map itself."""
     _, _, found = run
-    rows = {row["rung"]: row for row in found["budget"]["rows"]}
+    rows = {row["stage"]: row for row in found["budget"]["rows"]}
     main = found["maps"]["dense@0.05"]["overall"]
     assert rows["+ depth"]["called_free"] == main["cells"]["obstacle_called_free"]
     assert rows["+ depth"]["missed"] == main["missed"]["missed"]
@@ -99,11 +102,12 @@ def test_worst_frames_first(run: Run) -> None:
     order = worst_first(good, plan.main)
     assert [r["index"] for r in order] == found["worst"]
     assert sorted(found["worst"]) == [r["index"] for r in good]
-    free = [sum(m["called_free"] for m in r["missed"] if m["called_free"]) for r in order]
-    without = [r["maps"][plan.main]["frames"][2] for r in order]
-    assert without == sorted(without, reverse=True)
-    if not any(without) and not any(m["person"] for r in good for m in r["missed"]):
-        assert free == sorted(free, reverse=True)
+    tallies = [SafetyTally.from_dict(r["safety"]) for r in order]
+    stakes = [
+        (t.of_things(height="person")[2], t.of_things()[2], r["maps"][plan.main]["frames"][2])
+        for t, r in zip(tallies, order, strict=True)
+    ]
+    assert stakes == sorted(stakes, reverse=True)
 
 
 def test_the_papers_tables_in_its_layout(run: Run) -> None:
@@ -128,6 +132,9 @@ def test_the_papers_tables_in_its_layout(run: Run) -> None:
     assert "| Sequence | Class | Accuracy [%] | F1 [%] |" in text
     tex = latex(tables)
     assert tex.count(r"\begin{tabular}") == tex.count(r"\end{tabular}") == len(tables)
+    labels = re.findall(r"\\label\{(.+?)\}", tex)
+    assert len(set(labels)) == len(tables)
+    assert {"tab:masks-3", "tab:dense-6", "tab:paper-own-10"} <= set(labels)
     assert not re.search(r"(?<!\\)%(?! needs)", tex)
     assert not re.search(r"(?<!\\)_(?!\{)", tex)
 

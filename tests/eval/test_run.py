@@ -21,8 +21,11 @@ from swardmap.eval.dataset import DatasetSpec, count_frames, read_frames
 from swardmap.eval.frame import Plan, evaluate_part, pose_of
 from swardmap.eval.results import results
 from swardmap.eval.run import evaluate, make_plan, parts_of, read_plan, read_records
+from swardmap.geometry import Pose
+from swardmap.perception.ground_plane import estimate_mount
 from swardmap.synth.analytic import AnalyticSource, lane_poses
 from swardmap.synth.analytic_source import AnalyticGardens
+from swardmap.types import Frame
 
 TRUTH = config_from_dict({"segmenter": {"name": "truth"}})
 COLOUR = config_from_dict({"segmenter": {"name": "colour"}})
@@ -82,7 +85,7 @@ def test_another_plan_is_never_mixed_in(tmp_path: Path) -> None:
     stranger = tmp_path / "stranger"
     stranger.mkdir()
     (stranger / "thesis.txt").write_text("mine")
-    with pytest.raises(OutputError, match="holds no evaluation"):
+    with pytest.raises(OutputError, match="was not made by swardmap"):
         evaluate(other, stranger, workers=1, overwrite=True)
     assert (stranger / "thesis.txt").read_text() == "mine"
 
@@ -98,6 +101,20 @@ def test_the_plan_round_trips_and_is_read_back(tmp_path: Path) -> None:
     (tmp_path / "parts" / "0000000-0000008.jsonl").unlink()
     with pytest.raises(InputError, match="same command again"):
         read_records(tmp_path, 12)
+
+
+def test_the_mount_is_not_measured_by_true_labels(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A robot has none: the mount that an evaluation finds must be the one that `map` finds."""
+    seen: list[bool] = []
+
+    def measured(frame: Frame) -> Pose:
+        seen.append(frame.labels is not None)
+        return estimate_mount(frame)
+
+    monkeypatch.setattr("swardmap.perception.ground_plane.estimate_mount", measured)
+    (frame,) = AnalyticGardens("analytic:scenes=1,frames=1,width=96,noise=0", SourceConfig())
+    pose_of(small_plan(), replace(frame, T_map_camera=None))
+    assert seen == [False]
 
 
 def test_two_networks_of_one_name_are_two_plans(tmp_path: Path) -> None:
@@ -118,14 +135,14 @@ def test_a_process_that_dies_is_one_clear_error_and_what_is_finished_is_kept(
 ) -> None:
     plan = small_plan("analytic:scenes=4,frames=8,width=96")
     expected = evaluate(plan, tmp_path / "alone", workers=1)
-    monkeypatch.setattr("swardmap.eval.run._start_worker", _die_at_once)
-    with pytest.raises(InputError, match="died, perhaps for want of memory"):
+    monkeypatch.setattr("swardmap.runs.parallel._start_worker", _die_at_once)
+    with pytest.raises(OutputError, match="died, perhaps for want of memory"):
         evaluate(plan, tmp_path / "run", workers=2)
     monkeypatch.undo()
     assert evaluate(plan, tmp_path / "run", workers=2) == expected
 
 
-def _die_at_once(_: int) -> None:
+def _die_at_once(*_: object) -> None:
     os._exit(1)
 
 
@@ -224,7 +241,7 @@ def test_runs_side_by_side(tmp_path: Path) -> None:
     folders = [tmp_path / name for name in ("colour", "truth", "again")]
     better, same = compare_runs(folders)
     assert (better.frames, better.units) == (12, 12)
-    pixels = better.differences[0]
+    (pixels,) = (d for d in better.differences if d.key == "pixels_right")
     assert pixels.other == 1
     assert pixels.is_sure
     assert pixels.low is not None

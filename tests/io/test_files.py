@@ -6,8 +6,9 @@ from pathlib import Path
 import pytest
 
 from swardmap.errors import InputError, OutputError
-from swardmap.io import files
-from swardmap.io.files import MARKER, atomic_write, inside, new_output_folder, read_bytes, write_together
+from swardmap.io import files, folders
+from swardmap.io.files import atomic_write, inside, read_bytes, write_together
+from swardmap.io.folders import MARKER, new_output_folder
 
 
 def names(folder: Path) -> list[str]:
@@ -154,7 +155,7 @@ def test_the_old_output_stays_whole_until_the_new_one_is_complete(
     out = tmp_path / "out"
     with new_output_folder(out) as folder:
         (folder / "a").write_text("old")
-    monkeypatch.setattr(files, "_must_stay", lambda _: mounted)
+    monkeypatch.setattr(folders, "_must_stay", lambda _: mounted)
     inode = out.stat().st_ino
     with pytest.raises(KeyboardInterrupt), new_output_folder(out, overwrite=True) as folder:  # noqa: PT012
         (folder / "b").write_text("new")
@@ -180,6 +181,7 @@ def test_a_failed_rename_brings_the_old_folder_back(tmp_path: Path, monkeypatch:
         return rename(self, target)
 
     monkeypatch.setattr(Path, "rename", fails_for_new)
+    monkeypatch.setattr(folders, "exchange", lambda *_: False)
     with (
         pytest.raises(OutputError, match="input/output error"),
         new_output_folder(out, overwrite=True) as folder,

@@ -51,7 +51,7 @@ def test_depth_as_numpy_files(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="got float64"):
         read_depth(tmp_path / "d.npy")
     np.save(tmp_path / "d.npy", np.array([{}], dtype=object), allow_pickle=True)
-    with pytest.raises(InputError, match="NumPy array file"):
+    with pytest.raises(InputError, match="NumPy array"):
         read_depth(tmp_path / "d.npy")
 
 
@@ -77,13 +77,6 @@ def test_wrong_kinds_are_refused(tmp_path: Path) -> None:
             read(tmp_path / name)
     with pytest.raises(InputError, match="cannot read"):
         read_color(tmp_path / "missing.png")
-
-
-def test_a_png_that_claims_to_be_huge_is_refused() -> None:
-    content = bytearray(encode_png(MASK))
-    content[16:24] = (200_000).to_bytes(4) + (200_000).to_bytes(4)
-    with pytest.raises(InputError, match="at most"):
-        decode(bytes(content), "bomb")
 
 
 @given(st.binary(max_size=300), st.sampled_from([b"", b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"BM", b"P5\n"]))

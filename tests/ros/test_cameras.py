@@ -15,7 +15,7 @@ from swardmap.synth.analytic import StereoNoise, garden_scene, render, with_sens
 from swardmap.types import Frame
 from tests.ros import drive
 from tests.ros.drive import PERIOD_NS, RIG, START_NS
-from tests.ros.test_session import LATENCY_NS, Robot, free_cells, parameters, session_of
+from tests.ros.test_live_pipeline import LATENCY_NS, Robot, free_cells, parameters, pipeline_of
 
 PAIR: dict[str, Any] = {
     **RIG, "cameras": {name: RIG["cameras"][name] for name in ("front_left", "front_right")},
@@ -25,7 +25,7 @@ LARGE = Intrinsics(320, 200, 230.0, 230.0, 159.5, 99.5)
 
 def pair_robot() -> Robot:
     rig = drive.rig_of(PAIR)
-    return Robot(session_of(parameters(), rig), rig)
+    return Robot(pipeline_of(parameters(), rig), rig)
 
 
 def tick(robot: Robot, i: int, *names: str, view: Any = drive.view) -> None:
@@ -39,7 +39,7 @@ def tick(robot: Robot, i: int, *names: str, view: Any = drive.view) -> None:
 
 
 def mapped(robot: Robot) -> dict[str, int]:
-    return dict(robot.session.engine.mapped)
+    return dict(robot.pipeline.mapper.mapped)
 
 
 def test_a_camera_that_dies_stops_the_robot_and_one_that_comes_back_lets_it_go() -> None:
@@ -59,7 +59,7 @@ def test_a_camera_that_dies_stops_the_robot_and_one_that_comes_back_lets_it_go()
     assert not robot.reports[-1].stop
     assert not robot.reports[-1].diagnoses
     assert mapped(robot)["front_right"] == 70
-    lines = [text for _, text in robot.session.events]
+    lines = [text for _, text in robot.pipeline.events]
     assert [line for line in lines if line.startswith("stop: front_right: stale")]
     assert [line for line in lines if line.startswith("front_right: stopped")]
     assert sum("go: the stop flag is taken back" in line for line in lines) == 2
@@ -72,7 +72,7 @@ def test_cameras_of_unequal_rates_are_all_mapped() -> None:
         tick(robot, i, *(robot.rig.names if i % 2 == 0 else ("front_left",)))
     assert mapped(robot) == {"front_left": 40, "front_right": 20}
     assert not robot.reports[-1].stop
-    assert robot.session.facts["dropped_by_queue"] == {}
+    assert robot.pipeline.facts["dropped_by_queue"] == {}
     rates = robot.reports[-1].rates_hz
     assert rates["front_left"] == pytest.approx(10, abs=1)
     assert rates["front_right"] == pytest.approx(5, abs=1)
@@ -109,11 +109,11 @@ def test_a_camera_of_another_resolution_maps_the_same_garden() -> None:
         tick(same, i, *same.rig.names)
         tick(other, i, *other.rig.names, view=other_view)
     assert mapped(other) == {"front_left": 24, "front_right": 24}
-    assert other.session.skipped == {}
-    one, two = same.session.engine.snapshot(None), other.session.engine.snapshot(None)
+    assert other.pipeline.skipped == {}
+    one, two = same.pipeline.mapper.snapshot(None), other.pipeline.mapper.snapshot(None)
     assert one is not None
     assert two is not None
-    assert free_cells(other.session) > 0.8 * free_cells(same.session)
+    assert free_cells(other.pipeline) > 0.8 * free_cells(same.pipeline)
     # where both know a cell they agree but for a few at the edges of things
     x0, x1 = max(one.spec.extent_m[0], two.spec.extent_m[0]), min(one.spec.extent_m[1], two.spec.extent_m[1])
     y0, y1 = max(one.spec.extent_m[2], two.spec.extent_m[2]), min(one.spec.extent_m[3], two.spec.extent_m[3])

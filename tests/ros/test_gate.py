@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from swardmap.errors import ConfigError
 from swardmap.geometry import Pose
 from swardmap.ros.clouds import obstacle_cells_fields
-from swardmap.ros.gate import Command, GateConfig, Known, nearest_in_zone_m, reach_m, refusal
+from swardmap.ros.gate import Command, GateConfig, GateInputs, nearest_in_zone_m, reach_m, refusal
 from swardmap.ros.gate_node import GateNode, cell_centres_m
 from swardmap.ros.topics import BEST_EFFORT, image_qos
 from tests.ros import drive
@@ -35,9 +35,9 @@ def pose_at(x_m: float, y_m: float, heading_rad: float) -> Pose:
     return Pose("map", "base_link", np.array([[c, -s, 0, x_m], [s, c, 0, y_m], [0, 0, 1, 0.2], [0, 0, 0, 1]]))
 
 
-def known(**changes: object) -> Known:
+def known(**changes: object) -> GateInputs:
     fresh = {"stop": False, "T_map_base": pose_at(0, 0, 0), "flag_s": 9.9, "cells_s": 9.9, "pose_s": 9.9}
-    return Known(**fresh | changes)  # type: ignore[arg-type]
+    return GateInputs(**fresh | changes)  # type: ignore[arg-type]
 
 
 def test_with_all_well_and_the_way_free_it_lets_through() -> None:
@@ -202,10 +202,10 @@ def test_odometry_that_is_offered_as_best_effort_is_heard() -> None:
         message.header.frame_id, message.child_frame_id = "map", "base_link"
         message.pose.pose.position.x, message.pose.pose.orientation.w = 2.0, 1.0
         end = time.monotonic() + 30
-        while gate.known.T_map_base is None and time.monotonic() < end:
+        while gate.inputs.T_map_base is None and time.monotonic() < end:
             publisher.publish(message)
             executor.spin_once(timeout_sec=0.05)
-        assert gate.known.T_map_base is not None
-        assert gate.known.T_map_base.matrix[0, 3] == 2.0
+        assert gate.inputs.T_map_base is not None
+        assert gate.inputs.T_map_base.matrix[0, 3] == 2.0
     finally:
         rclpy.shutdown()

@@ -10,8 +10,11 @@ from swardmap.grid import GridSpec, OccupancyGrid
 from swardmap.labels import MapClass
 from swardmap.mapping.log_odds_map import LogOddsMap
 from swardmap.mapping.work_area import Polygon, Role, WorkArea
+from swardmap.perception.ground_surface import Ground
+from swardmap.perception.observation import Observation, PixelCounts
+from swardmap.ros.ground_heights import GroundHeights
 from swardmap.ros.layers import class_values, evidence_values, keepout_mask, speed_mask
-from tests.ros.test_session import one_robot
+from tests.ros.test_live_pipeline import one_robot
 
 SPEC = GridSpec(0.1, 60, 40, (-3.0, -2.0))
 
@@ -62,9 +65,9 @@ def test_evidence_is_the_probability_of_the_log_odds() -> None:
     robot = one_robot({"grid": {"mode": "log_odds"}})
     for i in range(6):
         robot.step(i, 0.1 * i)
-    grid = robot.session.engine.snapshot(None)
+    grid = robot.pipeline.mapper.snapshot(None)
     assert grid is not None
-    values = robot.session.engine.evidence(grid.spec)
+    values = robot.pipeline.mapper.evidence(grid.spec)
     assert values is not None
     evidence, lawn = EvidenceConfig(), values[grid.classes == MapClass.GRASS]
     # between the two thresholds a cell stays what it was
@@ -74,7 +77,7 @@ def test_evidence_is_the_probability_of_the_log_odds() -> None:
     assert lawn.mean() < 45 < 55 < values[grid.is_obstacle].mean()
     assert (values == -1).any()
     # by hand, of one cell
-    log_odds = robot.session.engine._mapper.log_odds
+    log_odds = robot.pipeline.mapper._mapper.log_odds
     assert isinstance(log_odds, LogOddsMap)
     row, column = np.argwhere(grid.is_obstacle)[0].tolist()
     ix, iy = (np.array([column, row]) + grid.spec.offset_in(log_odds.corner_cell)).tolist()
@@ -87,4 +90,42 @@ def test_evidence_is_the_probability_of_the_log_odds() -> None:
 def test_a_map_of_the_last_frame_has_no_evidence() -> None:
     robot = one_robot()
     robot.step(0, 0.0)
-    assert robot.session.engine.evidence(SPEC) is None
+    assert robot.pipeline.mapper.evidence(SPEC) is None
+
+
+def test_height_is_that_of_the_ground_against_the_base() -> None:
+    """A ramp by hand, given as two frames; the later one wins where both see."""
+    spec = GridSpec(0.5, 8, 4, (-2.0, -1.0))
+    heights = GroundHeights(spec)
+    heights.integrate(seen_ground(spec, slope=0.1, c_m=120.0))
+    values = heights.values(spec, 120.19)
+    x = 0.5 * (np.arange(8) + 0.5)  # from the grid's corner
+    np.testing.assert_array_equal(values, np.tile(np.round((0.1 * x - 0.19) / 0.05) + 50, (4, 1)))
+    heights.integrate(seen_ground(spec, slope=0.0, c_m=121.0, carried=True))
+    np.testing.assert_array_equal(heights.values(spec, 120.19), values)  # a ground carried over was not seen
+    heights.integrate(seen_ground(spec, slope=0.0, c_m=125.0))
+    assert (heights.values(spec, 120.2) == 100).all()
+    beside = GridSpec(0.5, 8, 4, (50.0, -1.0))
+    assert (heights.values(beside, 120.2) == -1).all()
+
+
+def seen_ground(spec: GridSpec, slope: float, c_m: float, carried: bool = False) -> Observation:
+    cells = spec.width * spec.height
+    offset = np.zeros(cells, np.float32)
+    ground = Ground(np.array([slope, 0.0, c_m]), offset, offset, carried)
+    classes, points = np.ones(spec.shape, np.uint8), np.zeros((*spec.shape, 4), np.uint32)
+    counts = PixelCounts(*[0] * 9)
+    return Observation(spec, classes, points, (0.0, 0.0, c_m + 1), 1, counts, classes, ground)
+
+
+def test_the_node_has_heights_of_the_lawn_it_saw() -> None:
+    robot = one_robot()
+    for i in range(4):
+        robot.step(i, 0.1 * i)
+    grid = robot.pipeline.mapper.snapshot(None)
+    assert grid is not None
+    values = robot.pipeline.mapper.heights(grid.spec, 0.0)
+    assert values is not None
+    lawn = values[grid.classes == MapClass.GRASS]
+    assert (lawn >= 0).mean() > 0.95
+    assert np.abs(lawn[lawn >= 0].astype(int) - 50).max() <= 2  # level within 10 cm

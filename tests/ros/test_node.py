@@ -366,7 +366,7 @@ def test_parameters_services_and_states(bag: Path, tmp_path: Path) -> None:
         assert not wrong[0]
         assert "min_range_m below max_range_m" in wrong[1]
         assert not road[0]
-        assert "staged" in road[1]
+        assert "backend: plain" in road[1]
         assert cleared[0]
         assert not no_map[0]
         assert "no map yet" in no_map[1]

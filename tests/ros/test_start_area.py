@@ -18,7 +18,7 @@ from swardmap.mapping.costmap import INSCRIBED, NO_INFORMATION
 from swardmap.ros.start_area import gap_m, start_area, with_start_area
 from tests.ros import drive
 from tests.ros.drive import START_NS
-from tests.ros.test_session import Robot, one_robot, parameters, session_of
+from tests.ros.test_live_pipeline import Robot, one_robot, parameters, pipeline_of
 
 NS = 1_000_000_000
 
@@ -43,20 +43,20 @@ def reached(costs: NDArray[np.uint8], start: tuple[int, int]) -> NDArray[np.bool
 
 def way_ahead(robot: Robot, to_x_m: float) -> tuple[bool, NDArray[np.bool_], OccupancyGrid]:
     """Whether NavFn comes from the robot's cell to one ahead, cells it may use, and what was given out."""
-    session = robot.session
-    given_out = session.given_out(None if session.report is None else session.report.forget_before_ns)
+    pipeline = robot.pipeline
+    given_out = pipeline.given_out(None if pipeline.report is None else pipeline.report.forget_before_ns)
     assert given_out is not None
-    costmap = session.engine.costmap(given_out)
+    costmap = pipeline.mapper.costmap(given_out)
     assert costmap is not None
-    assert session.robot is not None
-    x, y, _ = session.robot[1].position_m.tolist()
+    assert pipeline.robot is not None
+    x, y, _ = pipeline.robot[1].position_m.tolist()
     cells = reached(costmap.costs, tuple(given_out.spec.cell_of([x, y]).tolist()))
     goal = given_out.spec.cell_of([to_x_m, y])
     return bool(cells[goal[1], goal[0]]), cells, given_out
 
 
 def well(robot: Robot, steps: int = 30) -> None:
-    """The robot stands, but for the shaking of its engine, until the stop flag is taken back."""
+    """The robot stands, but for the shaking of its motor, until the stop flag is taken back."""
     for i in range(steps):
         robot.step(i, 0.002 * (i % 10))
     assert not robot.reports[-1].stop
@@ -69,19 +69,19 @@ def test_after_the_grant_and_the_first_frame_there_is_a_way_of_free_cells(mode: 
     found, cells, before = way_ahead(robot, 2.0)
     assert not found  # the robot stands in its blind zone
     assert not cells.any()
-    told = robot.session.grant_start_area(robot.now_ns)
+    told = robot.pipeline.grant_start_area(robot.now_ns)
     assert "granted" in told
     assert "too small" not in told
     found, cells, after = way_ahead(robot, 2.0)
     assert found
     assert (after.classes[cells] == MapClass.GRASS).all()  # none leads through unknown cells
-    area = robot.session.given.area
+    area = robot.pipeline.given.area
     assert area is not None
     iy, ix = np.nonzero(after.classes != before.classes)
     assert (area.distance_m(after.spec.center_of(np.column_stack([ix, iy]))) == 0).all()
     assert (before.classes[iy, ix] == MapClass.UNKNOWN).all()
     # the map itself holds what was seen
-    inner = robot.session.engine.snapshot(None)
+    inner = robot.pipeline.mapper.snapshot(None)
     assert inner is not None
     assert inner.count(MapClass.GRASS) == before.count(MapClass.GRASS)
 
@@ -89,7 +89,7 @@ def test_after_the_grant_and_the_first_frame_there_is_a_way_of_free_cells(mode: 
 def test_the_robot_lies_in_the_map_it_is_given() -> None:
     robot = one_robot()
     robot.step(0, 0.0)
-    seen, given_out = robot.session.engine.snapshot(None), robot.session.given_out(None)
+    seen, given_out = robot.pipeline.mapper.snapshot(None), robot.pipeline.given_out(None)
     assert seen is not None
     assert given_out is not None
     assert not seen.spec.contains(seen.spec.cell_of([0.0, 0.0]))  # why
@@ -101,20 +101,20 @@ def test_the_robot_lies_in_the_map_it_is_given() -> None:
 def test_an_area_that_ends_before_the_ground_that_is_seen_says_so() -> None:
     robot = one_robot(start_area_ahead_m=0.0, start_area_radius_m=0.1)
     well(robot)
-    assert "start_area_ahead_m is too small" in robot.session.grant_start_area(robot.now_ns)
+    assert "start_area_ahead_m is too small" in robot.pipeline.grant_start_area(robot.now_ns)
     assert not way_ahead(robot, 2.0)[0]
 
 
 def ended(robot: Robot) -> str:
-    assert robot.session.given.area is None
-    (line,) = [text for _, text in robot.session.events if text.startswith("start area ended")]
+    assert robot.pipeline.given.area is None
+    (line,) = [text for _, text in robot.pipeline.events if text.startswith("start area ended")]
     return line
 
 
 def test_it_ends_by_time() -> None:
     robot = one_robot(start_area_s=1.0)
     well(robot)
-    robot.session.grant_start_area(robot.now_ns)
+    robot.pipeline.grant_start_area(robot.now_ns)
     for i in range(30, 45):
         robot.step(i, 0.002 * (i % 10))
     assert "time is over" in ended(robot)
@@ -124,7 +124,7 @@ def test_it_ends_by_time() -> None:
 def test_it_ends_when_the_robot_has_left_it() -> None:
     robot = one_robot()
     well(robot)
-    robot.session.grant_start_area(robot.now_ns)
+    robot.pipeline.grant_start_area(robot.now_ns)
     for i in range(30, 70):
         robot.step(i, 0.05 * (i - 30))
     assert "has left it" in ended(robot)
@@ -133,7 +133,7 @@ def test_it_ends_when_the_robot_has_left_it() -> None:
 def test_it_ends_when_the_stop_flag_is_set() -> None:
     robot = one_robot()
     well(robot)
-    robot.session.grant_start_area(robot.now_ns)
+    robot.pipeline.grant_start_area(robot.now_ns)
     for i in range(30, 45):
         robot.step(i, 0.002 * (i % 10), posed=False)
     assert robot.reports[-1].stop
@@ -143,31 +143,31 @@ def test_it_ends_when_the_stop_flag_is_set() -> None:
 def test_it_ends_when_the_map_is_cleared() -> None:
     robot = one_robot()
     well(robot)
-    robot.session.grant_start_area(robot.now_ns)
-    robot.session.clear()
+    robot.pipeline.grant_start_area(robot.now_ns)
+    robot.pipeline.clear()
     assert "cleared" in ended(robot)
     robot.step(30, 0.0)
-    robot.session.grant_start_area(robot.now_ns)
+    robot.pipeline.grant_start_area(robot.now_ns)
     assert way_ahead(robot, 2.0)[0]
 
 
 def test_the_last_word_of_the_node_leaves_it_out() -> None:
     robot = one_robot()
     well(robot)
-    robot.session.grant_start_area(robot.now_ns)
-    given_out = robot.session.given_out(2**62, nothing_free=True)
+    robot.pipeline.grant_start_area(robot.now_ns)
+    given_out = robot.pipeline.given_out(2**62, nothing_free=True)
     assert given_out is not None
     assert given_out.count(MapClass.GRASS) == 0
 
 
 def test_the_parameter_grants_it_once_the_pose_is_known() -> None:
     robot = one_robot(start_area_at_start=True)
-    robot.session.begin()
-    robot.session.check(START_NS)
-    assert robot.session.given.area is None
+    robot.pipeline.begin()
+    robot.pipeline.check(START_NS)
+    assert robot.pipeline.given.area is None
     well(robot)
     assert way_ahead(robot, 2.0)[0]
-    grants = [text for _, text in robot.session.events if "granted" in text]
+    grants = [text for _, text in robot.pipeline.events if "granted" in text]
     assert len(grants) == 1
 
 
@@ -179,17 +179,17 @@ def test_the_parameter_grants_it_once_the_pose_is_known() -> None:
     ],
 )
 def test_without_a_pose_there_is_none(settings: dict[str, Any], node: dict[str, Any], expected: str) -> None:
-    session = session_of(parameters(settings, **node))
-    session.check(START_NS)
+    pipeline = pipeline_of(parameters(settings, **node))
+    pipeline.check(START_NS)
     with pytest.raises(InputError, match=expected):
-        session.grant_start_area(START_NS)
+        pipeline.grant_start_area(START_NS)
 
 
 def test_an_old_pose_is_none() -> None:
     robot = one_robot()
     well(robot)
     with pytest.raises(InputError, match=r"2\.\d+ s old"):
-        robot.session.grant_start_area(robot.now_ns - drive.MS * 20 + 2 * NS)
+        robot.pipeline.grant_start_area(robot.now_ns - drive.MS * 20 + 2 * NS)
 
 
 @given(

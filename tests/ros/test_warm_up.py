@@ -18,9 +18,9 @@ import swardmap.kernels
 from swardmap.config import config_from_dict
 from swardmap.models import build_segmenter
 from swardmap.ros.parameters import Parameters
-from swardmap.ros.session import Session
+from swardmap.ros.live_pipeline import LivePipeline
 from swardmap.ros.warm_up import warm_up
-from tests.ros.test_session import Robot, parameters, session_of, snapshot
+from tests.ros.test_live_pipeline import Robot, parameters, pipeline_of, snapshot
 from tests.ros import drive
 
 def signatures():
@@ -37,10 +37,10 @@ settings = parameters({"grid": {"mode": MODE}, "geometry": {"enabled": GEOMETRY}
 warm_up(settings.config, build_segmenter(settings.config.segmenter))
 before = signatures()
 rig = drive.rig_of(drive.ONE)
-robot = Robot(session_of(settings, rig), rig)
+robot = Robot(pipeline_of(settings, rig), rig)
 robot.run([0.0, 0.1, 0.2])
-grid = snapshot(robot.session)
-robot.session.engine.costmap(grid)
+grid = snapshot(robot.pipeline)
+robot.pipeline.mapper.costmap(grid)
 assert sum(before.values()) > 3, before
 assert signatures() == before, (before, signatures())
 """

@@ -18,7 +18,8 @@ from swardmap.io.sources.folder import write_folder
 from swardmap.labels import GRASS_OBSTACLE_PERSON, MapClass
 from swardmap.models.oracle import TruthSegmenter
 from swardmap.pipeline import ObstacleMapper, StepResult
-from swardmap.runs.recording import RunTotals, map_recording
+from swardmap.runs.recording import map_recording
+from swardmap.runs.summary import RunTotals
 from swardmap.synth.analytic import AnalyticSource, garden_scene, lane_poses
 from swardmap.types import Frame
 
@@ -200,7 +201,7 @@ def test_both_kinds_of_evidence_are_counted_and_written(tmp_path: Path) -> None:
 
 def test_compiling_does_not_count_as_speed(monkeypatch: pytest.MonkeyPatch) -> None:
     counts = iter([0, 3, 3, 3])  # at the start, and after each frame: the first one waited
-    monkeypatch.setattr("swardmap.runs.recording.machine_code_count", lambda: next(counts))
+    monkeypatch.setattr("swardmap.runs.summary.machine_code_count", lambda: next(counts))
     totals = RunTotals(machine_code=next(counts))
     steps = list(ObstacleMapper(TruthSegmenter(GRASS_OBSTACLE_PERSON)).run(source(3)))
     for step, milliseconds in zip(steps, (9_000.0, 2.0, 4.0), strict=True):

@@ -72,5 +72,5 @@ def test_a_folder_without_facts_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="expected a folder that `swardmap synth` wrote"):
         list(read_facts(tmp_path))
     (tmp_path / "frames.jsonl").write_text("{broken")
-    with pytest.raises(InputError, match="cannot read"):
+    with pytest.raises(InputError, match=r"frames\.jsonl: expected JSON"):
         list(read_facts(tmp_path))

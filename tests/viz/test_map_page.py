@@ -86,7 +86,7 @@ def test_an_album_of_any_length_stays_small_and_even(flat_lawn: tuple[Frame, Seg
     album, count = Album(step_m=0.0), 700
     for i in range(count):
         pose = Pose("map", "camera", np.eye(4) + np.outer([0.1 * i, 0, 0, 0], [0, 0, 0, 1.0]))
-        album.add(replace(frame, stamp_ns=i), mask, pose)
+        album.add(replace(frame, stamp_ns=i, T_map_camera=pose), mask, some_map(), pose)
     kept = [f.index for f in album.frames]
     assert MOST_FRAMES / 2 <= len(kept) <= MOST_FRAMES
     assert kept[0] == 0
@@ -102,15 +102,18 @@ def test_the_way_of_an_endless_drive_is_bounded(flat_lawn: tuple[Frame, Segmenta
     album = Album(pictures=False)
     album.way_m = [(float(i), 0.0) for i in range(MOST_PLACES)]
     far = Pose("map", "camera", np.eye(4) + np.outer([1e6, 0, 0, 0], [0, 0, 0, 1.0]))
-    album.add(frame, mask, far)
+    album.add(replace(frame, T_map_camera=far), mask, some_map(), far)
     assert len(album.way_m) == MOST_PLACES // 2 + 1
     assert album.way_m[-1] == (1e6, 0.0)
     assert album.frames == []
 
 
 def test_a_page_stays_below_its_limit(flat_lawn: tuple[Frame, Segmentation]) -> None:
+    frame, mask = flat_lawn
+    assert frame.T_map_camera is not None
     album = Album()
-    album.add(*flat_lawn, None)
+    album.add(replace(frame, T_map_camera=None), mask, some_map(), frame.T_map_camera)
+    assert album.way_m == []
     one = album.frames[0]
     album.frames = [replace(one, photo="x" * (MOST_BYTES // 10), index=i) for i in range(30)]
     html = map_page(None, None, album, SUMMARY, "")
@@ -121,7 +124,9 @@ def test_a_page_stays_below_its_limit(flat_lawn: tuple[Frame, Segmentation]) -> 
 def test_the_page_stands_alone_and_escapes_what_it_is_told(flat_lawn: tuple[Frame, Segmentation]) -> None:
     frame, mask = flat_lawn
     album = Album()
-    album.add(replace(frame, name="</script><script>alert(2)//"), mask, frame.T_map_camera)
+    assert frame.T_map_camera is not None
+    named = replace(frame, name="</script><script>alert(2)//")
+    album.add(named, mask, some_map(), frame.T_map_camera)
     html = map_page(some_map(), None, album, SUMMARY, "a: <i>", "swardmap map 'a & <u>'")
     assert html.count("<script") == 2  # ours: the data, the program
     assert html.count("</script>") == 2
@@ -150,12 +155,31 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out / "report.html"
 
 
+@pytest.fixture
+def page_without_map(flat_lawn: tuple[Frame, Segmentation], tmp_path: Path) -> Path:
+    frame, mask = flat_lawn
+    assert frame.T_map_camera is not None
+    album = Album()
+    album.add(replace(frame, T_map_camera=None), mask, some_map(), frame.T_map_camera)
+    reason = "depth image that is missing, truncated or of another size than its colour image"
+    summary = {
+        "frames": 1, "frames_without_pose": 1, "skipped": {reason: 12_345},
+        "pixels": {"pixels": 10, "no_reading": 4, "used": 6},
+        "timings_ms": {"segment": {"p50": 1.0, "mean": 2.0, "p99": 3.0}},
+    }  # fmt: skip
+    path = tmp_path / "alone.html"
+    path.write_text(map_page(None, None, album, summary, "a: 1\n" * 200), encoding="utf-8")
+    return path
+
+
 @pytest.mark.slow
+@pytest.mark.parametrize("which", ["page", "page_without_map"])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width", [390, 1280])
 def test_in_chromium_it_fits_and_has_no_serious_fault(
-    page: Path, browser: Any, width: int, scheme: str
+    which: str, browser: Any, width: int, scheme: str, request: pytest.FixtureRequest
 ) -> None:
+    page: Path = request.getfixturevalue(which)
     tab = browser.new_page(viewport={"width": width, "height": 800}, color_scheme=scheme)
     requests: list[str] = []
     messages: list[str] = []

@@ -1,6 +1,8 @@
 """The verbs, and the edge at which known errors become one line."""
 
+import os
 import sys
+from contextlib import suppress
 
 import typer
 from typer.main import get_command
@@ -30,7 +32,7 @@ from swardmap.cli.train import EXAMPLES as TRAIN_EXAMPLES
 from swardmap.cli.train import train
 from swardmap.cli.view import EXAMPLES as VIEW_EXAMPLES
 from swardmap.cli.view import view_command
-from swardmap.errors import SwardmapError
+from swardmap.errors import SwardmapError, one_line
 
 app = typer.Typer(
     name="swardmap",
@@ -80,14 +82,34 @@ def run(arguments: list[str]) -> int:
         0 if all went well, 1 for a known error, 2 for wrong usage, 130 after Ctrl-C.
     """
     try:
+        code = _run(arguments)
+        if sys.stdout is not None:  # closed by who started us
+            sys.stdout.flush()
+    except (BrokenPipeError, SystemExit):  # who reads has seen enough; typer exits where it notices
+        _drop_output()
+        return 0
+    except OSError as error:
+        if error.filename is not None:
+            raise
+        _drop_output()
+        _say(f"swardmap: cannot write to the standard output: {error.strerror or one_line(error)}")
+        return 1
+    return code
+
+
+def _run(arguments: list[str]) -> int:
+    try:
         result = complete(get_command(app)).main(arguments, prog_name="swardmap", standalone_mode=False)
     except SwardmapError as error:
-        print(f"swardmap: {error}", file=sys.stderr)
+        _say(f"swardmap: {one_line(error)}")
+        return 1
+    except MemoryError:
+        _say("swardmap: there is not enough memory: try fewer frames, larger cells or fewer processes")
         return 1
     except (KeyboardInterrupt, typer.Abort) as stop:
         return _interrupted(*stop.args)
-    except BrokenPipeError:
-        return 0
+    except OSError:
+        raise
     except Exception as error:
         show = getattr(error, "show", None)  # click's usage errors
         if show is None:
@@ -100,5 +122,18 @@ def run(arguments: list[str]) -> int:
 
 
 def _interrupted(*about: object) -> int:
-    print(": ".join(["swardmap: interrupted", *map(str, about)]), file=sys.stderr)
+    _say(one_line(": ".join(["swardmap: interrupted", *map(str, about)])))
     return 130
+
+
+def _say(line: str) -> None:
+    with suppress(OSError):
+        print(line, file=sys.stderr)
+
+
+def _drop_output() -> None:
+    """Let the rest go nowhere: the interpreter would try to write it again, and complain, at its end."""
+    with suppress(OSError, ValueError):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.stdout.fileno())
+        os.close(nowhere)

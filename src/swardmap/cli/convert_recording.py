@@ -42,15 +42,15 @@ def convert_recording(
     Raises:
         InputError: if it is no recording, or no frame is left; OutputError: if the folder cannot be written.
     """
-    from swardmap.cli.options import Progress
+    from swardmap.cli.progress import Progress
     from swardmap.io import open_source
     from swardmap.io.files import refuse_to_replace
     from swardmap.io.sources.folder import write_folder
 
     source = open_source(location, config)
     refuse_to_replace(location, target)
-    with Progress(source.frame_count, quiet, "reading", "read") as on_frame:
-        frames = _told(span.of(iter(source)), on_frame)
+    with Progress("reading", "read", source.frame_count, quiet) as bar:
+        frames = _told(span.of(iter(source)), bar.step)
         first = next(frames, None)
         if first is None:
             why = ", ".join(f"{n} x {reason}" for reason, n in source.skipped.items() if n)
@@ -76,11 +76,12 @@ def _chain(first: Frame, rest: Iterator[Frame]) -> Iterator[Frame]:
 
 def _write_images(frames: Iterable[Frame], target: str | Path, overwrite: bool = False) -> int:
     """NAME.png of every frame: `--masks` finds the mask of a frame by this name."""
-    from swardmap.io.files import inside, new_output_folder, write_bytes
+    from swardmap.io.files import inside, write_bytes
+    from swardmap.io.folders import new_output_folder
     from swardmap.io.images import encode_png
 
     count = 0
-    with new_output_folder(target, overwrite) as folder:
+    with new_output_folder(target, overwrite, "images") as folder:
         for count, frame in enumerate(frames, 1):
             file = inside(folder, f"{frame.name or f'{count - 1:06d}'}.png")
             write_bytes(file, encode_png(frame.rgb), durable=False)

@@ -8,7 +8,8 @@ import typer
 
 from swardmap.cli.evaluate import summary_text
 from swardmap.cli.map import report
-from swardmap.cli.options import ConfigFile, Json, Overwrite, Progress, Settings, settings
+from swardmap.cli.options import ConfigFile, Json, Overwrite, Settings, settings
+from swardmap.cli.progress import Progress
 from swardmap.config import Config
 
 RECORDING = Path(__file__).parent.parent / "data" / "demo"
@@ -37,15 +38,24 @@ def demo(
     from swardmap.runs.recording import map_recording
 
     source = open_source(RECORDING, chosen.source)
-    with Progress(source.frame_count, quiet=as_json) as on_step:
-        run = map_recording(source, out, chosen, overwrite=overwrite, on_step=on_step)
+    with Progress("mapping", "mapped", source.frame_count, as_json) as bar:
+        run = map_recording(source, out, chosen, overwrite=overwrite, on_step=bar.step)
     found = _evaluated(out / "evaluation", chosen) if evaluation else None
     if as_json:
         print(json.dumps(run.summary | {"evaluation": found}, indent=2, allow_nan=False))
         return
     print(report(run.summary, out))
     if found is not None:
-        print(summary_text(found, out / "evaluation"))
+        lines = summary_text(found, out / "evaluation").splitlines()
+        print("\n".join(_few_frames(found) if line.startswith("no margin") else line for line in lines))
+
+
+def _few_frames(found: dict[str, Any]) -> str:
+    """That no margin can be measured here is no fault of the map."""
+    return (
+        f"margin: {found['frames']['evaluated']} frames are too few to measure one, "
+        f"{found['margin_in_use_m']:g} m is taken; docs/evaluation.md tells how many it needs"
+    )
 
 
 def _evaluated(out: Path, config: Config) -> dict[str, Any]:

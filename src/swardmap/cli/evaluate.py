@@ -18,6 +18,7 @@ from swardmap.cli.options import (
     settings,
     tell_guesses,
 )
+from swardmap.cli.progress import Progress
 from swardmap.errors import InputError
 
 EXAMPLES = """\b
@@ -51,7 +52,13 @@ def evaluate_command(
         list[float] | None, typer.Option(help="Edge of a map cell in metres; repeatable, the first counts.")
     ] = None,
     protocol: Annotated[
-        list[str] | None, typer.Option(help="dense, paper; repeatable, the first counts.")
+        list[str] | None, typer.Option(help="dense, paper, paper-own; repeatable, the first counts.")
+    ] = None,
+    judged_margin: Annotated[
+        float | None,
+        typer.Option(
+            help="Margin in metres that safety is judged with; none = costmap.margin_m, or 0.10.", min=0
+        ),
     ] = None,
     share: Annotated[float, typer.Option(help="Share of the missed cells the margin covers.")] = 0.99,
     confidence: Annotated[float, typer.Option(help="Confidence of that.")] = 0.95,
@@ -93,6 +100,8 @@ def evaluate_command(
     from swardmap.eval.report import report_html
     from swardmap.eval.results import results
     from swardmap.eval.run import evaluate, make_plan
+    from swardmap.io.door import reading
+    from swardmap.runs.frame_check import faults_of_records
 
     said = tuple(f"{theirs}={ours}" for theirs, ours in meanings(classes or []).items())
     if masks is not None:
@@ -105,13 +114,17 @@ def evaluate_command(
         options["resolutions_m"] = tuple(resolution)
     if protocol:
         options["protocols"] = tuple(protocol)
+    if judged_margin is not None:
+        options["margin_m"] = judged_margin
     margin = MarginOptions(share, confidence, unit, population)
     plan = make_plan(spec, chosen, **options)
-    with _Bar(quiet=as_json) as on_done:
+    with Progress("evaluating", "evaluated", quiet=as_json) as bar:
         records = evaluate(
-            plan, out, workers=workers, ray_address=ray, strict=strict, overwrite=overwrite, on_done=on_done
+            plan, out, workers=workers, ray_address=ray, strict=strict, overwrite=overwrite, on_done=bar.show
         )
-    found = results(plan, records, margin, command="swardmap " + shlex.join(sys.argv[1:]))
+    with reading(out, "whole records of an evaluation"):
+        found = results(plan, records, margin, command="swardmap " + shlex.join(sys.argv[1:]))
+    found["faults"] = faults_of_records([record.get("looks") for record in records], chosen.watchdog)
     found["cost"] = margin_cost(found, map_file, work_area, mower_width)
     write_results(out, plan, records, found, report_html(plan, found))
     print(json.dumps(found, allow_nan=False) if as_json else summary_text(found, out))
@@ -121,7 +134,7 @@ def evaluate_command(
 
 def summary_text(found: dict[str, Any], out: Path) -> str:
     """What a person wants to know after an evaluation, in a few lines."""
-    from swardmap.eval.tables import percent
+    from swardmap.eval.pages import percent
 
     frames, margin = found["frames"], found["margin"]
     lines = [f"{frames['evaluated']} of {frames['total']} frames evaluated with '{found['segmenter']}'"]
@@ -130,54 +143,57 @@ def summary_text(found: dict[str, Any], out: Path) -> str:
         lines.append(f"  ... and {len(frames['unreadable']) - 5} more, see frames.csv")
     if frames["evaluated"]:
         section = found["maps"][found["main"]]["overall"]
-        cells, d_min, missed = section["cells"], section["d_min"]["all"], section["missed"]
-        called, free = cells["obstacle_called_free"], missed["called_free"]
+        cells, d_min = section["cells"], section["d_min"]["all"]
+        called = cells["obstacle_called_free"]
         rate = f"{percent(called['share'])} % ({called['count']} of {called['of']})"
         lines += [
             f"masks: accuracy {percent(found['masks']['overall']['accuracy'])} %",
             f"maps ({found['main']}): obstacle cells called free: {rate}",
-            f"missed obstacles: {missed['missed']} of {missed['obstacles']}, {free} of them called free",
+            *safety_lines(found),
         ]
         if d_min["count"]:
             lines.append(
                 f"d_min-obst: mean {d_min['mean_m']:.3f} m, 99 % {d_min['quantiles_m']['0.99']:.3f} m"
             )
+    if found.get("faults"):
+        counts = ", ".join(f"{n} x {fault}" for fault, n in found["faults"].items())
+        lines.append(f"frames that the watchdog of the node would refuse: {counts}")
     if margin["margin_m"] is None:
         lines.append(f"no margin: {margin['reason']}")
+        if margin["carried_share"] and found["command"].startswith("swardmap evaluate"):
+            lines.append(f"  for that share: {with_share(found['command'], margin['carried_share'])}")
     else:
         lines.append(f"margin: {margin['margin_m']:.3f} m, see {out / 'margin.yaml'}")
     return "\n".join([*lines, f"report: {out / 'report.html'}"])
 
 
-class _Bar:
-    """A progress bar on a terminal, plain lines when not."""
+def with_share(command: str, share: float) -> str:
+    """The same command for another share of the missed cells; what is evaluated already is not done again."""
+    words = shlex.split(command)
+    if "--share" in words[:-1]:
+        at = words.index("--share")
+        del words[at : at + 2]
+    words = [word for word in words if not word.startswith("--share=") and word != "--overwrite"]
+    return shlex.join([*words, "--share", f"{share:g}"])
 
-    def __init__(self, quiet: bool) -> None:
-        self._quiet, self._printed = quiet, -1
-        self._bar: Any = None
 
-    def __enter__(self) -> Any:
-        return self._show
+def safety_lines(found: dict[str, Any]) -> list[str]:
+    """What a safety engineer reads first."""
+    from swardmap.eval.metrics import interval_text, metric
 
-    def __exit__(self, *_: object) -> None:
-        if self._bar is not None:
-            self._bar.stop()
+    section = found["metrics"]["overall"]
 
-    def _show(self, done: int, total: int) -> None:
-        if self._quiet:
-            return
-        if not sys.stderr.isatty():
-            tenth = 10 * done // total
-            if tenth > self._printed:
-                print(f"evaluated {done} of {total} frames", file=sys.stderr)
-                self._printed = tenth
-            return
-        if self._bar is None:
-            from rich.console import Console
-            from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+    def told(key: str, name: str) -> str:
+        one = section[key]
+        interval = interval_text(one)
+        more = f", 95 % by {found['unit']}: {interval}" if interval else ""
+        return f"{one['count']} of {one['of']} {name} ({metric(key).text(one['value'])}{more})"
 
-            columns = (TextColumn("evaluating"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-            self._bar = Progress(*columns, console=Console(stderr=True))
-            self._bar.start()
-            self._task = self._bar.add_task("frames", total=total)
-        self._bar.update(self._task, completed=done)
+    near = metric("free_beyond_margin_near").text(section["free_beyond_margin_near"]["value"])
+    kept = metric("lawn_kept_near").text(section["lawn_kept_near"]["value"])
+    margin = f"beyond the margin of {found['margin_in_use_m']:g} m"
+    return [
+        f"things within 5 m: {told('things_missed', 'missed')}; {told('things_dangerous', 'dangerous')}",
+        f"corridors of 3 m: {told('corridor_missed', 'missed')}; {told('false_stops', 'false stops')}",
+        f"obstacle cells within 5 m called free {margin}: {near}; lawn kept there: {kept}",
+    ]

@@ -8,22 +8,30 @@ from typing import Annotated, Any
 import typer
 
 from swardmap.cli.live import Duration, Frames, tell_how_it_ended, until_stopped
-from swardmap.cli.options import ConfigFile, Json, Overwrite, Progress, Settings, settings
+from swardmap.cli.options import ConfigFile, Json, Overwrite, Settings, settings
+from swardmap.cli.progress import Progress
+from swardmap.config import Config
+from swardmap.errors import InputError
 
 EXAMPLES = """\b
 Examples:
   swardmap map recording/ -o out/
   swardmap map drive.mcap -o out/ --segmenter lawn.onnx --resolution 0.1
   swardmap map drive.bag -o out/ --set source.depth_topic=/depth/image_raw
+  swardmap map monday.mcap tuesday.mcap friday.mcap -o maps/ --workers 2
   swardmap map friday.mcap -o out2/ --resume-map out/living.npz
   swardmap map drive.mcap -o out/ --set area.file=lawn.kml --set area.datum_lat=52.4 --set area.datum_lon=16.9
 """
 
 
 def map_command(
-    source: Annotated[
-        Path,
-        typer.Argument(help="A folder, a ROS bag, an MCAP file, or the camera realsense:.", readable=False),
+    sources: Annotated[
+        list[Path],
+        typer.Argument(
+            help="A folder, a ROS bag, an MCAP file, or the camera realsense:; several get a map each.",
+            metavar="SOURCE...",
+            readable=False,
+        ),
     ],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.", readable=False)],
     kind: Annotated[
@@ -42,6 +50,15 @@ def map_command(
         Path | None,
         typer.Option(help="living.npz of an earlier run to go on from; makes grid.mode evidence."),
     ] = None,
+    workers: Annotated[
+        int | None, typer.Option(help="Processes for several recordings; none = one a core.", min=1)
+    ] = None,
+    ray: Annotated[
+        str | None, typer.Option(help="Address of a Ray cluster for several recordings, or local.")
+    ] = None,
+    strict: Annotated[
+        bool, typer.Option("--strict", help="Stop at a frame that the node's watchdog would refuse.")
+    ] = False,
     frames: Frames = None,
     duration: Duration = None,
     config: ConfigFile = None,
@@ -62,6 +79,12 @@ def map_command(
     ]
     chosen = settings(config, overrides)
 
+    if len(sources) > 1:
+        if frames or duration or resume_map:
+            raise typer.BadParameter("--frames, --duration and --resume-map are for one recording")
+        _map_many(sources, out, chosen, workers, ray, overwrite, strict, as_json)
+        return
+    (source,) = sources
     from swardmap.io import is_live, open_source
     from swardmap.io.files import refuse_to_replace
     from swardmap.io.sources.limited import LimitedSource
@@ -74,28 +97,65 @@ def map_command(
     with ExitStack() as stack:
         if live:  # a recording that is stopped is an interrupted run; a camera has no other end
             stack.enter_context(until_stopped(given))
-        on_step = stack.enter_context(Progress(given.frame_count, quiet=as_json))
-        run = map_recording(given, out, chosen, overwrite=overwrite, on_step=on_step)
+        bar = stack.enter_context(Progress("mapping", "mapped", given.frame_count, as_json))
+        run = map_recording(given, out, chosen, overwrite=overwrite, on_step=bar.step, strict=strict)
     print(json.dumps(run.summary, indent=2) if as_json else report(run.summary, out))
     tell_how_it_ended(given, live, run.totals.frames, out)
 
 
+def _map_many(
+    sources: list[Path],
+    out: Path,
+    config: Config,
+    workers: int | None,
+    ray: str | None,
+    overwrite: bool,
+    strict: bool,
+    as_json: bool,
+) -> None:
+    """A map each; says at the end which could not be made.
+
+    Raises:
+        InputError: if one could not be mapped; the others are there.
+    """
+    from swardmap.runs.many import map_recordings
+
+    with Progress("mapping", "mapped", quiet=as_json, things="recordings") as bar:
+        found = map_recordings(
+            sources,
+            out,
+            config,
+            workers=workers,
+            ray_address=ray,
+            overwrite=overwrite,
+            strict=strict,
+            on_done=bar.show,
+        )
+    made: dict[str, Any] = found["recordings"]
+    failed = [name for name, facts in made.items() if "error" in facts]
+    if as_json:
+        print(json.dumps(found, indent=2))
+    else:
+        for name, facts in made.items():
+            print(f"{name}: {facts['error'] if name in failed else _cells_text(facts)}")
+        print(f"{len(made) - len(failed)} of {len(made)} recordings mapped, a folder each in {out}")
+    if failed:
+        raise InputError(
+            f"{len(failed)} of {len(made)} recordings could not be mapped: {', '.join(failed[:5])}; "
+            f"the others are in {out}"
+        )
+
+
+def _cells_text(facts: dict[str, Any]) -> str:
+    cells = facts["cells"]
+    if cells is None:
+        return f"{facts['frames']} frames, no poses: a map each"
+    counts = ", ".join(f"{cells[name]} {name}" for name in ("grass", "obstacle", "person"))
+    return f"{facts['frames']} frames, {counts}"
+
+
 def report(summary: dict[str, Any], out: Path) -> str:
     """What a person wants to know after a run, in a few lines."""
-    found = summary["map"]
-    lines = [f"{summary['frames']} frames mapped with '{summary['segmenter']}'"]
-    left_out = {reason: n for reason, n in summary["skipped"].items() if n}
-    if left_out:
-        lines.append("left out: " + ", ".join(f"{n} x {reason}" for reason, n in left_out.items()))
-    if found is None:
-        lines.append("no poses: each frame has a map of its own in maps/")
-    else:
-        cells: dict[str, int] = found["cells"]
-        width, height = found["size_cells"]
-        lines.append(
-            f"map {width} x {height} cells of {found['resolution_m']:g} m: {cells['grass']} grass, "
-            f"{cells['obstacle']} obstacle, {cells['person']} person, {cells['unknown']} unknown"
-        )
-    stages = ", ".join(f"{stage} {t['p50']:.1f}" for stage, t in summary["timings_ms"].items())
-    lines += [f"median milliseconds a frame: {stages}", f"results in {out}"]
-    return "\n".join(lines)
+    from swardmap.runs.summary import report_lines
+
+    return "\n".join([*report_lines(summary), f"results in {out}"])

@@ -2,14 +2,12 @@
 
 import os
 import sys
-from collections.abc import Callable, Iterable
-from contextlib import ExitStack
+from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from swardmap.cli.compiling import told_when_compiling
 from swardmap.config import Config, load_config
 
 if TYPE_CHECKING:
@@ -59,50 +57,3 @@ def tell_guesses(masks: "Masks") -> None:
         print(f"classes taken for: {told} (--class says otherwise)", file=sys.stderr)
     for note in masks.notes:
         print(f"note: {note}", file=sys.stderr)
-
-
-class Progress:
-    """A progress bar on a terminal, plain lines when not; used as `with Progress(n) as on_step`.
-
-    Args:
-        total: number of frames, or None if it cannot be known.
-        quiet: show nothing, for --json.
-        doing, did: what happens to frames.
-    """
-
-    def __init__(
-        self, total: int | None, quiet: bool = False, doing: str = "mapping", did: str = "mapped"
-    ) -> None:
-        self._total, self._quiet, self._done = total, quiet, 0
-        self._doing, self._did = doing, did
-        self._bar: Any = None
-        self._told = ExitStack()
-
-    def __enter__(self) -> Callable[[object], None]:
-        if self._doing == "mapping" and not self._quiet:
-            self._told.enter_context(told_when_compiling())
-        if not self._quiet and sys.stderr.isatty():
-            from rich.console import Console
-            from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
-            from rich.progress import Progress as Bar
-
-            columns = (TextColumn(self._doing), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-            self._bar = Bar(*columns, console=Console(stderr=True))
-            self._bar.start()
-            self._task = self._bar.add_task("frames", total=self._total)
-        return self.step
-
-    def __exit__(self, _: object, error: BaseException | None, __: object) -> None:
-        self._told.close()
-        if self._bar is not None:
-            self._bar.stop()
-        if isinstance(error, KeyboardInterrupt):
-            raise typer.Abort(*error.args) from error  # typer would drop what it says
-
-    def step(self, _: object) -> None:
-        """One frame is done."""
-        self._done += 1
-        if self._bar is not None:
-            self._bar.advance(self._task)
-        elif not self._quiet and (self._done % 100 == 0 or self._done == self._total):
-            print(f"{self._did} {self._done} of {self._total or '?'} frames", file=sys.stderr)

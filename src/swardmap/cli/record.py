@@ -9,7 +9,8 @@ from typing import Annotated
 import typer
 
 from swardmap.cli.live import Duration, Frames, tell_how_it_ended, until_stopped
-from swardmap.cli.options import ConfigFile, Json, Progress, Settings, settings
+from swardmap.cli.options import ConfigFile, Json, Settings, settings
+from swardmap.cli.progress import Progress
 from swardmap.errors import InputError
 
 QUEUE = 15
@@ -58,8 +59,11 @@ def record_command(
     given = LimitedSource(open_source(source, replace(chosen, camera=camera)), frames, duration)
     started = perf_counter()
     try:
-        with until_stopped(given), Progress(given.frame_count, as_json, "recording", "recorded") as on_frame:
-            count = record(given, out, options, overwrite, on_frame)
+        with (
+            until_stopped(given),
+            Progress("recording", "recorded", given.frame_count, as_json) as bar,
+        ):
+            count = record(given, out, options, overwrite, bar.step)
     except InputError as error:
         if given.stopped and not given.given:
             raise typer.Abort("before the first frame came; nothing was written") from error

@@ -1,14 +1,13 @@
 """`swardmap synth`: gardens with exact truth, as many as one likes."""
 
 import json
-import sys
-import time
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from swardmap.cli.options import Json, Overwrite
+from swardmap.cli.progress import Progress
 from swardmap.errors import InputError
 
 EXAMPLES = """\b
@@ -57,7 +56,8 @@ def synth(
     as_json: Json = False,
 ) -> None:
     """Film procedural gardens: colour, depth, labels, poses and true maps, in EDEN's layout and in ours."""
-    from swardmap.synth.config import load_synth_config, synth_config_yaml
+    from swardmap.config.loader import to_yaml
+    from swardmap.synth.config import load_synth_config
     from swardmap.synth.plan import SynthPlan
 
     flags = {"rig.width": width, "rig.height": height, "rig.samples": samples, "stereo.enabled": sensor}
@@ -65,7 +65,7 @@ def synth(
     named = [f"{key}={json.dumps(value)}" for key, value in flags.items() if value is not None]
     chosen = load_synth_config(config, [*(set_ or []), *named])
     if settings:
-        print(synth_config_yaml(chosen), end="")
+        print(to_yaml(chosen), end="")
         return
     if census:
         _census(out, as_json)
@@ -75,8 +75,8 @@ def synth(
     from swardmap.synth.produce import produce
     from swardmap.synth.stage import garden_stage
 
-    with _Bar(quiet=as_json) as on_done:
-        made = produce(plan, out, garden_stage, jobs=jobs, overwrite=overwrite, on_done=on_done)
+    with Progress("filming", "made", quiet=as_json) as bar:
+        made = produce(plan, out, garden_stage, jobs=jobs, overwrite=overwrite, on_done=bar.show)
     print(json.dumps(made, indent=2) if as_json else _report(made))
 
 
@@ -92,11 +92,11 @@ def lights_of(words: list[str]) -> tuple[str, ...]:
 
 
 def _census(out: Path, as_json: bool) -> None:
-    from swardmap.synth.census import census, census_text, read_facts
+    from swardmap.synth.census import census_of, census_text
 
     if not out.is_dir():
         raise InputError(f"no such folder: {out}")
-    found = census(read_facts(out))
+    found = census_of(out)
     print(json.dumps(found, indent=2) if as_json else census_text(found))
 
 
@@ -106,51 +106,3 @@ def _report(made: dict[str, Any]) -> str:
         f"{made['sequences']} sequences, {made['frames']} frames in {out} ({made['made']} made now)\n"
         f"EDEN's layout: {out}/eden; with poses, sensor depth and maps: {out}/folder"
     )
-
-
-class _Bar:
-    """A progress bar with the time left on a terminal, plain lines when not."""
-
-    def __init__(self, quiet: bool) -> None:
-        self._quiet, self._printed = quiet, -1
-        self._bar: Any = None
-        self._start: tuple[float, int] | None = None
-
-    def __enter__(self) -> Any:
-        return self._show
-
-    def __exit__(self, _: object, error: BaseException | None, __: object) -> None:
-        if self._bar is not None:
-            self._bar.stop()
-        if isinstance(error, KeyboardInterrupt):
-            raise typer.Abort(*error.args) from error  # typer would drop what it says
-
-    def _show(self, done: int, total: int) -> None:
-        self._start = self._start or (time.monotonic(), done)
-        if self._quiet:
-            return
-        if not sys.stderr.isatty():
-            if 20 * done // total > self._printed:
-                print(f"made {done} of {total} frames{self._left(done, total)}", file=sys.stderr, flush=True)
-                self._printed = 20 * done // total
-            return
-        if self._bar is None:
-            from rich.console import Console
-            from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-            columns = (
-                TextColumn("filming"), BarColumn(), MofNCompleteColumn(),
-                TimeRemainingColumn(elapsed_when_finished=True),
-            )  # fmt: skip
-            self._bar = Progress(*columns, console=Console(stderr=True), speed_estimate_period=120)
-            self._bar.start()
-            self._task = self._bar.add_task("frames", total=total, completed=done)
-        self._bar.update(self._task, completed=done)
-
-    def _left(self, done: int, total: int) -> str:
-        assert self._start is not None  # noqa: S101 - narrows the type
-        since, first = self._start
-        if done in (first, total):
-            return ""
-        minutes = (time.monotonic() - since) / (done - first) * (total - done) / 60
-        return f", about {minutes:.0f} min left" if minutes >= 1 else ", less than a minute left"

@@ -9,7 +9,8 @@ from typing import Annotated, Any
 import typer
 
 from swardmap.cli.live import Duration, Frames, tell_how_it_ended, until_stopped
-from swardmap.cli.options import ConfigFile, Json, Progress, Settings, settings
+from swardmap.cli.options import ConfigFile, Json, Settings, settings
+from swardmap.cli.progress import Progress
 from swardmap.pipeline import StepResult
 
 EXAMPLES = """\b
@@ -56,7 +57,8 @@ def view_command(
     from swardmap.io import is_live, open_source
     from swardmap.io.sources.limited import LimitedSource
     from swardmap.models import build_segmenter
-    from swardmap.runs.recording import RunTotals, build_mapper, map_steps
+    from swardmap.runs.recording import build_mapper, map_steps
+    from swardmap.runs.summary import RunTotals
     from swardmap.viz.rerun_sink import load_rerun, rerun_sink
     from swardmap.viz.rerun_stream import RerunStream, layout
 
@@ -67,13 +69,13 @@ def view_command(
     with (
         rerun_sink(save, connect, overwrite, layout()) as sink,
         until_stopped(given),
-        Progress(given.frame_count, as_json, "viewing", "sent") as on_step,
+        Progress("viewing", "sent", given.frame_count, as_json) as bar,
     ):
         stream = RerunStream(sink, chosen, jpeg, live)
         for step, read_ms in _timed(map_steps(given, mapper)):
             stream.add(step, mapper, read_ms)
             totals.add(step)
-            on_step(step)
+            bar.step()
         stream.finish(mapper)
     where = save or connect or "the viewer"
     _report(totals, given, where, as_json)

@@ -6,17 +6,16 @@ Order of precedence: defaults < file < environment (`SWARDMAP_GRID__RESOLUTION_M
 Every setting of the package is in this room and nowhere else; `Config` is the door.
 """
 
-import dataclasses
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from swardmap.config.inputs import CameraConfig, MountConfig, SegmenterConfig, SourceConfig
+from swardmap.config.loader import from_dict, load, to_dict, to_yaml
 from swardmap.config.mapping import CloudConfig, EvidenceConfig, GeometryConfig, GridConfig
 from swardmap.config.outputs import AreaConfig, CostmapConfig, OutputConfig, WatchdogConfig
-from swardmap.config.settings import Checked, build, merge, merge_overrides, merge_text, setting, yaml_lines
-from swardmap.errors import ConfigError
+from swardmap.config.settings import Checked, setting
 
 __all__ = [
     "AreaConfig",
@@ -37,9 +36,6 @@ __all__ = [
     "config_to_yaml",
     "load_config",
 ]
-
-ENVIRONMENT_PREFIX = "SWARDMAP_"
-NOT_SETTINGS = frozenset({"SWARDMAP_DATA", "SWARDMAP_GARDEN_ASSETS"})
 
 
 @dataclass(frozen=True)
@@ -80,15 +76,7 @@ def load_config(
     Raises:
         ConfigError: for an unknown key, a wrong type, or a value out of range.
     """
-    tree: dict[str, Any] = {}
-    if file is not None:
-        merge(tree, _read_yaml(file), str(file))
-    for name, text in (environment or {}).items():
-        if name.startswith(ENVIRONMENT_PREFIX) and name not in NOT_SETTINGS:
-            keys = name.removeprefix(ENVIRONMENT_PREFIX).lower().split("__")
-            merge_text(tree, keys, text, f"environment variable {name}")
-    merge_overrides(tree, overrides)
-    return config_from_dict(tree)
+    return load(Config, file, environment, overrides, _with_present_names, ("road",))
 
 
 RENAMED_VALUES: Mapping[tuple[str, str], Mapping[str, str]] = {
@@ -117,42 +105,14 @@ def config_from_dict(tree: Mapping[str, Any]) -> Config:
     Raises:
         ConfigError: for an unknown key (with the nearest known one), a wrong type, a value out of range.
     """
-    built = build(Config, _with_present_names(tree))
-    assert isinstance(built, Config)  # noqa: S101 - narrows the type; build returns its first argument's
-    return built
+    return from_dict(Config, _with_present_names(tree))
 
 
 def config_to_dict(config: Config) -> dict[str, Any]:
     """The tree as plain dicts, lists, strings and numbers, as `config_from_dict` takes it."""
-    plain: dict[str, Any] = dataclasses.asdict(config, dict_factory=_plain_dict)
-    return plain
+    return to_dict(config)
 
 
 def config_to_yaml(config: Config, comments: bool = True) -> str:
     """The tree as YAML, each setting with what it is for and what it may be."""
-    lines: list[str] = []
-    for f in fields(config):
-        value = getattr(config, f.name)
-        if not dataclasses.is_dataclass(value):
-            lines += yaml_lines(f, value, "", comments)
-            continue
-        about = (type(value).__doc__ or "").strip()
-        lines += ["", f"# {about}"] if comments else []
-        lines.append(f"{f.name}:")
-        for inner in fields(value):
-            lines += yaml_lines(inner, getattr(value, inner.name), "  ", comments)
-    return "\n".join(lines).strip() + "\n"
-
-
-def _plain_dict(items: list[tuple[str, Any]]) -> dict[str, Any]:
-    return {key: list(value) if isinstance(value, tuple) else value for key, value in items}
-
-
-def _read_yaml(file: Path) -> Any:
-    import yaml
-
-    try:
-        return yaml.safe_load(file.read_text(encoding="utf-8")) or {}
-    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
-        reason = " ".join(str(error).split())  # YAML's errors draw the place over several lines
-        raise ConfigError(f"cannot read the configuration {file}: {reason}") from error
+    return to_yaml(config, comments)

@@ -21,18 +21,35 @@ class SourceConfig(Checked):
     odometry_topic: str | None = setting(
         None, "bags: nav_msgs/Odometry to take the pose from, in place of tf"
     )
+    tf_topic: str | None = setting(
+        None, "bags: tf of the camera; none = that of the colour image's namespace"
+    )
+    poses: str = setting(
+        "auto", "bags: tf or odometry; none: each frame is mapped on its own", choices=("auto", "none")
+    )
     map_frame: str | None = setting(
         None, "bags: fixed frame of the map; none = map, else odom, of the tf tree"
     )
     camera_frame: str | None = setting(
         None, "bags: optical frame of the colour image, where its header is wrong"
     )
+    camera_axes: str = setting(
+        "auto",
+        "bags: of the colour image's frame; body = x forward; auto = optical, refused if it looks up",
+        choices=("auto", "optical", "body"),
+    )
+    depth_aligned: bool | None = setting(
+        None, "bags: whether depth is in the pixels of the colour image; none = by its frame and topic"
+    )
+    T_color_depth: tuple[float, float, float, float, float, float, float] | None = setting(
+        None, "bags: where depth is seen from in the colour camera: x y z qx qy qz qw; none = as tf says"
+    )
     pair_tolerance_ms: float = setting(20.0, "largest distance in time of colour and depth", minimum=0)
     pose_tolerance_ms: float = setting(
-        100.0, "largest gap between poses that is interpolated over", minimum=0
+        250.0, "largest gap between poses that is interpolated over", minimum=0
     )
     depth_unit_m: float | None = setting(
-        None, "metres per unit of 16-bit depth; none = as the format says", minimum=1e-6
+        None, "metres per unit of depth; none = as the format says", minimum=1e-6
     )
     intrinsics: tuple[float, float, float, float] | None = setting(
         None, "fx, fy, cx, cy in pixels, where the data does not say; none = as the data or its kind says"

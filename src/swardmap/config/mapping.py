@@ -40,6 +40,11 @@ class CloudConfig(Checked):
                 )
 
 
+MAX_MAP_CELLS = 64_000_000
+"""Of the rectangle around all that a map holds: 16 ha in cells of 0.05 m. Map, costs and pictures of it take
+about a gigabyte."""
+
+
 @dataclass(frozen=True)
 class GridConfig(Checked):
     """The occupancy grid (Sec. 3.5)."""
@@ -74,6 +79,14 @@ class GridConfig(Checked):
             raise ConfigError("grid: expected mode: log_odds beside resume; no other map can be resumed")
         if (self.origin_m is None) != (self.size_m is None):
             raise ConfigError("grid: expected origin_m and size_m together, got only one of them")
+        if self.size_m is not None:
+            x, y = self.size_m
+            cells = max(0.0, x) * max(0.0, y) / self.resolution_m**2
+            if not 0.5 <= cells <= MAX_MAP_CELLS:
+                raise ConfigError(
+                    f"grid: expected size_m and resolution_m of 1 to {MAX_MAP_CELLS} cells, "
+                    f"got {x:g} x {y:g} m in cells of {self.resolution_m:g} m"
+                )
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import field, fields
 from typing import Any
 
-from swardmap.errors import ConfigError
+from swardmap.config.bounded_yaml import parse_yaml
+from swardmap.errors import ConfigError, one_line, shortened
 
 
 def setting(
@@ -48,14 +49,14 @@ def build(cls: Any, tree: Any, path: str = "") -> Any:
         ConfigError: for an unknown key (with the nearest known one), a wrong type, a value out of range.
     """
     if not isinstance(tree, Mapping):
-        raise ConfigError(f"section '{path}': expected keys and values, got {tree!r}")
+        raise ConfigError(f"section '{path}': expected keys and values, got {shortened(tree)}")
     known = {f.name for f in fields(cls)}
     hints = typing.get_type_hints(cls)
     for key in tree:
         if key not in known:
             near = difflib.get_close_matches(str(key), known, n=1)
             hint = f"; did you mean '{near[0]}'?" if near else f"; known: {', '.join(sorted(known))}"
-            raise ConfigError(f"unknown setting '{path}{key}'{hint}")
+            raise ConfigError(f"unknown setting '{path}{one_line(key, 80)}'{hint}")
     values = {}
     for key, value in tree.items():
         section = dataclasses.is_dataclass(hints[key])
@@ -89,12 +90,7 @@ def merge_text(tree: dict[str, Any], keys: Sequence[str], text: str, where: str)
     Raises:
         ConfigError: for a value that is no YAML.
     """
-    import yaml
-
-    try:
-        value = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise ConfigError(f"{where}: expected a value in YAML, got '{text}'") from error
+    value = parse_yaml(text, where)
     for key in reversed(keys):
         value = {key: value}
     merge(tree, value, where)
@@ -109,8 +105,8 @@ def merge_overrides(tree: dict[str, Any], overrides: Iterable[str]) -> None:
     for override in overrides:
         key, sign, text = override.partition("=")
         if not sign or not key.strip():
-            raise ConfigError(f"expected section.key=value, got '{override}'")
-        merge_text(tree, key.strip().split("."), text, f"'{override}'")
+            raise ConfigError(f"expected section.key=value, got {shortened(override)}")
+        merge_text(tree, key.strip().split("."), text, shortened(override))
 
 
 def yaml_lines(f: "dataclasses.Field[Any]", value: Any, indent: str = "", comments: bool = True) -> list[str]:
@@ -136,18 +132,18 @@ def _converted(value: Any, hint: Any, name: str) -> Any:
     if typing.get_origin(hint) is tuple:
         parts = typing.get_args(hint)
         if not isinstance(value, (list, tuple)) or len(value) != len(parts):
-            raise ConfigError(f"{name}: expected a list of {len(parts)} numbers, got {value!r}")
+            raise ConfigError(f"{name}: expected a list of {len(parts)} numbers, got {shortened(value)}")
         return tuple(_converted(v, part, name) for v, part in zip(value, parts, strict=True))
     if hint is float and not isinstance(value, bool) and isinstance(value, (int, float, str)):
         try:
             number = float(value)  # YAML 1.1 reads 1e-3 as a string
-        except ValueError:
+        except (ValueError, OverflowError):  # a whole number of 400 digits
             number = math.nan
         if math.isfinite(number):
             return number
     elif isinstance(value, hint) and not (hint is int and isinstance(value, bool)):
         return value
-    raise ConfigError(f"{name}: expected {hint.__name__}, got {value!r}")
+    raise ConfigError(f"{name}: expected {hint.__name__}, got {shortened(value)}")
 
 
 def _check_limits(value: Any, limits: Mapping[str, Any], name: str) -> None:
@@ -155,7 +151,7 @@ def _check_limits(value: Any, limits: Mapping[str, Any], name: str) -> None:
         return
     choices, low, high = limits["choices"], limits["minimum"], limits["maximum"]
     if choices is not None and value not in choices:
-        raise ConfigError(f"{name}: expected one of {', '.join(choices)}, got '{value}'")
+        raise ConfigError(f"{name}: expected one of {', '.join(choices)}, got {shortened(value)}")
     if low is not None and value < low:
         raise ConfigError(f"{name}: expected at least {low:g}, got {value:g}")
     if high is not None and value > high:

@@ -14,7 +14,7 @@ from swardmap.config import Config
 from swardmap.errors import InvalidValueError
 from swardmap.eval.confusion import Share
 from swardmap.eval.distances import DistanceSummary
-from swardmap.eval.maps import FrameMaps, compare_maps, dense, spec_of, true_segmentation
+from swardmap.eval.maps import FrameMaps, compare_maps, spec_of, true_segmentation
 from swardmap.eval.tally import MapTally
 from swardmap.geometry import Pose
 from swardmap.types import Frame, Segmentation
@@ -22,7 +22,7 @@ from swardmap.types import Frame, Segmentation
 STAGES = ("processing", "mask", "depth", "pose")
 """What is switched from true to real, in the order of the ladder."""
 
-RUNGS: Mapping[str, frozenset[str]] = {
+ABLATIONS: Mapping[str, frozenset[str]] = {
     "truth": frozenset(),
     "+ processing": frozenset(STAGES[:1]),
     "+ mask": frozenset(STAGES[:2]),
@@ -33,7 +33,7 @@ RUNGS: Mapping[str, frozenset[str]] = {
     "depth alone": frozenset({"depth"}),
     "pose alone": frozenset({"pose"}),
 }
-"""Name of each rung and the stages that are real in it; those with a + form the ladder."""
+"""Name of each ablation stage and what is real in it; those with a + form the ladder."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,50 +97,53 @@ def missing_stages(has_clean_depth: bool, has_pose_noise: bool) -> dict[str, str
     """Stages that cannot be switched, and why."""
     missing = {}
     if not has_clean_depth:
-        missing["depth"] = "the data has no clean depth beside the sensor's; its errors are in every rung"
+        missing["depth"] = "the data has no clean depth beside the sensor's; its errors are in all of them"
     if not has_pose_noise:
         missing["pose"] = "the pose noise is 0"
     return missing
 
 
 def budget(sides: RealAndTrue, config: Config, maps: FrameMaps | None = None) -> dict[str, MapTally]:
-    """Map a frame once for each rung that can be run, each against the same reference.
+    """Map a frame once for each ablation stage that can be run, each against the same reference.
 
     Args:
         sides: true and real of every stage.
-        config: of the robot; range and height limits hold in every rung.
+        config: of the robot; range and height limits hold in all of them.
         maps: those already made of this frame.
 
     Returns:
-        Rung -> tally; rungs that need what the data lacks are left out, see `missing_stages`.
+        Ablation stage -> tally; those that need what the data lacks are left out, see `missing_stages`.
     """
     true_frame = sides.clean or sides.frame
     spec, make = spec_of(true_frame, sides.T_map_camera, config), maps or FrameMaps()
     true_mask = true_segmentation(true_frame)
-    reference = make(true_frame, true_mask, sides.T_map_camera, dense(config), spec)
+    reference = make.dense(true_frame, true_mask, sides.T_map_camera, config, spec)
     missing = missing_stages(sides.clean is not None, sides.T_real is not None)
     tallies: dict[str, MapTally] = {}
     done: dict[int, MapTally] = {}
-    for rung, wanted in RUNGS.items():
-        if rung.split()[-1] in missing or rung.split()[0] in missing:
+    for name, wanted in ABLATIONS.items():
+        if name.split()[-1] in missing or name.split()[0] in missing:
             continue
         real = wanted.difference(missing)
         frame = sides.frame if "depth" in real else true_frame
         mask = sides.segmentation if "mask" in real else true_mask
         pose = sides.T_real if "pose" in real and sides.T_real is not None else sides.T_map_camera
-        predicted = make(frame, mask, pose, config if "processing" in real else dense(config), spec)
+        if "processing" in real:
+            predicted = make(frame, mask, pose, config, spec)
+        else:  # heights are by the true pose: finding them is processing
+            predicted = make.dense(frame, mask, sides.T_map_camera, config, spec, pose)
         if id(predicted) not in done:
             done[id(predicted)] = compare_maps(reference, predicted, sides.T_map_camera.position_m[:2]).tally
-        tallies[rung] = done[id(predicted)]
+        tallies[name] = done[id(predicted)]
     return tallies
 
 
 @dataclass(frozen=True, slots=True)
 class BudgetRow:
-    """What one rung of the budget says.
+    """What one ablation stage of the budget says.
 
     Attributes:
-        rung: see RUNGS.
+        stage: see ABLATIONS.
         called_free: obstacle cells called grass: the FN rate.
         not_seen: obstacle cells of which nothing is said.
         false_alarm: grass cells called obstacle: the FP rate.
@@ -148,11 +151,11 @@ class BudgetRow:
         missed: of these, without one TP cell.
         missed_called_free: of these, with a cell that was called grass.
         d_min: of the FN cells.
-        added: change of rates, missed obstacles and mean d_min-obst from the rung below; from `truth` for
+        added: change of rates, missed obstacles and mean d_min-obst from the row above; from `truth` for
             the stages alone. None where one side is undefined.
     """
 
-    rung: str
+    stage: str
     called_free: Share
     not_seen: Share
     false_alarm: Share
@@ -164,29 +167,29 @@ class BudgetRow:
 
 
 def budget_rows(tallies: Mapping[str, MapTally]) -> list[BudgetRow]:
-    """The budget as a table: what each rung has, and what it adds.
+    """The budget as a table: what each stage has, and what it adds.
 
     Args:
-        tallies: rung -> sum over the frames, as `budget` gives them for one.
+        tallies: ablation stage -> sum over the frames, as `budget` gives them for one.
     """
     rows: list[BudgetRow] = []
     below: MapTally | None = None
-    for rung in RUNGS:
-        tally = tallies.get(rung)
+    for stage in ABLATIONS:
+        tally = tallies.get(stage)
         if tally is None:
             continue
-        base = tallies["truth"] if rung.endswith("alone") else below
-        rows.append(_row(rung, tally, tally if base is None else base))
+        base = tallies["truth"] if stage.endswith("alone") else below
+        rows.append(_row(stage, tally, tally if base is None else base))
         below = tally
     return rows
 
 
-def _row(rung: str, tally: MapTally, base: MapTally) -> BudgetRow:
+def _row(stage: str, tally: MapTally, base: MapTally) -> BudgetRow:
     matrix, summary = tally.matrix, tally.distances().summary()
     here, there = _measures(tally), _measures(base)
     added = {name: _difference(here[name], there[name]) for name in here}
     return BudgetRow(
-        rung=rung,
+        stage=stage,
         called_free=matrix.obstacle_called_free,
         not_seen=matrix.obstacle_not_seen,
         false_alarm=matrix.free_called_obstacle,

@@ -1,6 +1,6 @@
 """Runs side by side: what differs, and how sure that is, over the frames that all of them have."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -8,43 +8,31 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from swardmap import __version__
 from swardmap.errors import InputError
-from swardmap.eval.confusion import ConfusionMatrix, Share
-from swardmap.eval.frame import split_key
+from swardmap.eval.metrics import METRICS, UNDEFINED, Pair, metric
+from swardmap.eval.pages import render, style_sheet, told_command
+from swardmap.eval.results import tallies_of
 from swardmap.eval.run import read_plan, read_records
-from swardmap.eval.tally import MapTally
 
 Record = Mapping[str, Any]
-Pair = tuple[float, float]
 
 DRAWS = 2000
-
-MEASURES: Mapping[str, Callable[[ConfusionMatrix, MapTally], Pair]] = {
-    "pixels right": lambda mask, _: (_right(mask), mask.total),
-    "obstacle cells called free": lambda _, tally: _pair(tally.matrix.obstacle_called_free),
-    "person cells called free": lambda _, tally: _pair(tally.matrix.person_called_free),
-    "obstacle cells not seen": lambda _, tally: _pair(tally.matrix.obstacle_not_seen),
-    "false alarms": lambda _, tally: _pair(tally.matrix.free_called_obstacle),
-    "obstacles missed": lambda _, tally: (tally.missed_obstacles, tally.obstacles),
-    "obstacles called free": lambda _, tally: (tally.missed_called_free, tally.obstacles),
-    "mean d_min-obst [m]": lambda _, tally: _distance(tally),
-}
-"""Every measure is a ratio of two sums over frames, so that frames can be drawn again as a whole."""
 
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """One measure of one run against the first run.
+    """One metric of one run against the first run.
 
     Attributes:
-        measure: see MEASURES.
+        key: of the metric (see `metrics.METRICS`).
         first, other: the two values; None where undefined.
         difference: other minus first; None where one is undefined.
         low, high: ends of the interval of the difference at the confidence asked for: both runs on the same
             frames, units drawn again; None where a draw leaves a value undefined.
     """
 
-    measure: str
+    key: str
     first: float | None
     other: float | None
     difference: float | None
@@ -65,7 +53,7 @@ class Comparison:
         run: folder of the other run.
         frames: frames that both have.
         units: independent units among them.
-        differences: one for each measure.
+        differences: one for each metric.
     """
 
     run: str
@@ -112,9 +100,8 @@ def _named_records(folder: Path) -> tuple[str, dict[str, Record]]:
 
 
 def _measured(record: Record, key: str) -> list[Pair]:
-    mask = ConfusionMatrix.from_dict(record["mask"])
-    tally = MapTally.from_dict(record["maps"][key], split_key(key)[1])
-    return [measure(mask, tally) for measure in MEASURES.values()]
+    tallies = tallies_of(record, key)
+    return [entry.take(tallies) for entry in METRICS]
 
 
 def _differences(
@@ -124,13 +111,13 @@ def _differences(
     confidence: float,
     seed: int,
 ) -> tuple[Difference, ...]:
-    """Paired cluster bootstrap; the arrays are (frames, measures, 2)."""
+    """Paired cluster bootstrap; the arrays are (frames, metrics, 2)."""
     names, owner = np.unique(units, return_inverse=True)
     sums = [np.zeros((len(names), *a.shape[1:])) for a in (first, other)]
     for total, values in zip(sums, (first, other), strict=True):
         np.add.at(total, owner, values)
     rng = np.random.default_rng(seed)
-    drawn = np.empty((DRAWS, len(MEASURES)))
+    drawn = np.empty((DRAWS, len(METRICS)))
     for draw in range(DRAWS):
         times = np.bincount(rng.integers(0, len(names), len(names)), minlength=len(names))
         drawn[draw] = _ratios(np.tensordot(times, sums[1], axes=1)) - _ratios(
@@ -139,17 +126,17 @@ def _differences(
     a, b = (_ratios(total.sum(axis=0)) for total in sums)
     tail = (1 - confidence) / 2
     rows = []
-    for i, measure in enumerate(MEASURES):
+    for i, entry in enumerate(METRICS):
         column = drawn[:, i]
         whole = len(names) > 1 and bool(np.isfinite(column).all())
         low, high = np.quantile(column, [tail, 1 - tail]) if whole else (np.nan, np.nan)
         numbers = (a[i], b[i], b[i] - a[i], low, high)
-        rows.append(Difference(measure, *(float(v) if np.isfinite(v) else None for v in numbers)))
+        rows.append(Difference(entry.key, *(float(v) if np.isfinite(v) else None for v in numbers)))
     return tuple(rows)
 
 
 def _ratios(sums: NDArray[Any]) -> NDArray[np.float64]:
-    """(measures, 2) sums to ratios; NaN where there is nothing to divide by."""
+    """(metrics, 2) sums to ratios; NaN where there is nothing to divide by."""
     of = np.where(sums[:, 1] > 0, sums[:, 1], np.nan)
     ratios: NDArray[np.float64] = sums[:, 0] / of
     return ratios
@@ -159,14 +146,56 @@ def _unit(record: Record, unit: str, name: str) -> str:
     return name if unit == "frame" else str(record["tags"].get(unit, ""))
 
 
-def _pair(share: Share) -> Pair:
-    return float(share.count), float(share.of)
+def run_names(folders: Sequence[Path]) -> list[str]:
+    """What tables call runs: their folders' names, with as many of the folders above as tell them apart."""
+    parts = [folder.resolve().parts for folder in folders]
+    for depth in range(1, max(map(len, parts)) + 1):
+        names = ["/".join(p[-depth:]) for p in parts]
+        if len(set(names)) == len(set(parts)):
+            return names
+    return [str(folder) for folder in folders]
 
 
-def _right(mask: ConfusionMatrix) -> float:
-    return float(sum(mask.counts[i][i] for i in range(len(mask.names))))
+def difference_row(found: Difference) -> tuple[str, ...]:
+    """Title, both values, difference and interval as text, the sure ones with a star."""
+    entry = metric(found.key)
+    interval = (
+        UNDEFINED if found.low is None else f"{entry.text(found.low, '+')} .. {entry.text(found.high, '+')}"
+    )
+    values = entry.text(found.first), entry.text(found.other), entry.text(found.difference, "+")
+    return entry.title, *values, interval + (" *" if found.is_sure else "  ")
 
 
-def _distance(tally: MapTally) -> Pair:
-    summary = tally.distances().summary()
-    return (summary.mean_m or 0.0) * summary.count, float(summary.count)
+def comparison_html(
+    folders: Sequence[Path], comparisons: Sequence[Comparison], unit: str, confidence: float, command: str
+) -> str:
+    """The comparisons as a page.
+
+    Args:
+        folders: of the runs, the first counts.
+        comparisons: from `compare_runs`.
+        unit: what was taken as independent.
+        confidence: of the intervals.
+        command: that made it.
+    """
+    first, *names = run_names(folders)
+    heads = ("", first, "{}", "difference", f"{100 * confidence:g} % interval")
+    return render(
+        "compare.html",
+        version=__version__,
+        title=f"{' and '.join(names)} against {first}",
+        style=style_sheet(),
+        first=first,
+        unit=unit,
+        command=told_command(command),
+        comparisons=[
+            {
+                "name": name,
+                "frames": one.frames,
+                "units": one.units,
+                "heads": [head.replace("{}", name) for head in heads],
+                "rows": [difference_row(d) for d in one.differences],
+            }
+            for name, one in zip(names, comparisons, strict=True)
+        ],
+    )

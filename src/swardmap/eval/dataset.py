@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 from swardmap.config import SourceConfig
 from swardmap.errors import InputError, SwardmapError
-from swardmap.io import CleanSource, FrameSource, is_named, open_source
+from swardmap.io import FrameSource, TruthSource, is_named, open_source
+from swardmap.io.sources.truth import FrameTruth
 from swardmap.types import Frame
 
 if TYPE_CHECKING:
@@ -53,12 +54,14 @@ class Numbered:
         index: 0-based, in the order of the dataset.
         frame: with true labels; None if it cannot be used.
         clean: the same frame with clean depth, if the dataset has it.
+        truth: which thing each pixel is and where the ground lies, as far as the dataset knows.
         error: why there is no frame; empty otherwise.
     """
 
     index: int
     frame: Frame | None
     clean: Frame | None = None
+    truth: FrameTruth | None = None
     error: str = ""
 
 
@@ -82,17 +85,18 @@ def read_frames(spec: DatasetSpec, start: int, stop: int) -> Iterator[Numbered]:
     A frame that cannot be read, or that the source leaves out, comes as its reason. Sources whose length is
     not known (ROS bags) are read from the beginning.
     """
-    if open_dataset(spec).frame_count is None:
+    source = open_dataset(spec)
+    if source.frame_count is None:
         yield from _streamed(spec, start, stop)
         return
     frames = _listed(_part(spec, start, stop))
     cleans = _listed(_clean_spec(_part(spec, start, stop))) if spec.clean else None
     if len(frames) == stop - start and (cleans is None or len(cleans) == stop - start):
         for i, frame in enumerate(frames):
-            yield _with_truth(spec, start + i, frame, cleans[i] if cleans else None)
+            yield _with_truth(spec, source, start + i, frame, cleans[i] if cleans else None)
         return
     for index in range(start, stop):  # one of them is bad: find out which
-        yield _single(spec, index)
+        yield _single(spec, source, index)
 
 
 def _listed(spec: DatasetSpec) -> list[Frame]:
@@ -107,21 +111,21 @@ def _listed(spec: DatasetSpec) -> list[Frame]:
 
 
 def _streamed(spec: DatasetSpec, start: int, stop: int) -> Iterator[Numbered]:
-    index = start
-    for frame in islice(open_dataset(spec), start, stop):
-        yield _with_truth(spec, index, frame, None)
+    index, source = start, open_dataset(spec)
+    for frame in islice(source, start, stop):
+        yield _with_truth(spec, source, index, frame, None)
         index += 1
     for missing in range(index, stop):
         yield Numbered(missing, None, error="the recording ended before this frame")
 
 
-def _single(spec: DatasetSpec, index: int) -> Numbered:
+def _single(spec: DatasetSpec, source: FrameSource, index: int) -> Numbered:
     try:
         frame = _only_frame(_part(spec, index, index + 1))
         clean = _only_frame(_clean_spec(_part(spec, index, index + 1))) if spec.clean else None
     except SwardmapError as error:
         return Numbered(index, None, error=str(error))
-    return _with_truth(spec, index, frame, clean)
+    return _with_truth(spec, source, index, frame, clean)
 
 
 def _only_frame(spec: DatasetSpec) -> Frame:
@@ -133,18 +137,23 @@ def _only_frame(spec: DatasetSpec) -> Frame:
     return frame
 
 
-def _with_truth(spec: DatasetSpec, index: int, frame: Frame, clean: Frame | None) -> Numbered:
-    """Add labels and clean depth that lie beside the recording."""
+def _with_truth(
+    spec: DatasetSpec, source: FrameSource, index: int, frame: Frame, clean: Frame | None
+) -> Numbered:
+    """Add labels, clean depth and ids of things that lie beside the recording."""
     try:
         if spec.masks is not None:
             frame = _with_mask(frame, spec.masks, spec.classes)
         if frame.labels is None:
             raise InputError(f"frame {frame.name or index}: expected true labels, got none")
-        if is_named(spec.location) and isinstance(made := open_dataset(spec), CleanSource):
-            clean = made.clean_frame(index)
-        elif clean is not None:
+        truth = None
+        if clean is not None:
             clean = _same_frame(frame, clean, spec.clean or "")
-        return Numbered(index, frame, clean)
+        if isinstance(source, TruthSource):
+            truth = source.truth(index)
+            if clean is None and (exact := source.clean_frame(index)) is not None:
+                clean = replace(frame, depth=exact.depth, depth_unit_m=exact.depth_unit_m)
+        return Numbered(index, frame, clean, truth)
     except SwardmapError as error:
         return Numbered(index, None, error=str(error))
 

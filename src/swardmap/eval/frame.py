@@ -16,14 +16,23 @@ from swardmap.eval.budget import PoseNoise, RealAndTrue, budget, noisy_pose
 from swardmap.eval.confusion import aligned_masks, confusion_of_masks
 from swardmap.eval.dataset import DatasetSpec, Numbered, read_frames
 from swardmap.eval.maps import PROTOCOLS, FrameMaps, MapComparison, at_resolution, compare_frame
+from swardmap.eval.safety import SafetyTally, judge, unjudged
+from swardmap.eval.things import find_things
 from swardmap.geometry import Pose
+from swardmap.io.maps.margin_file import LARGEST_M
+from swardmap.io.sources.truth import FrameTruth
 from swardmap.labels import LabelSet
 from swardmap.models import build_segmenter
+from swardmap.runs.frame_check import looks_of
 from swardmap.segmenter import Segmenter
 from swardmap.types import Frame, Segmentation
 
-FORMAT = 1
+FORMAT = 2
 """Raised when records change their meaning: shards of another format are not taken up again."""
+
+
+DEFAULT_MARGIN_M = 0.10
+"""Where none was measured."""
 
 
 @dataclass(frozen=True)
@@ -35,22 +44,24 @@ class Plan:
         config: of the robot: segmenter, filters, resolution.
         resolutions_m: of the maps; the first is that of the margin, the budget and the gallery.
         protocols: see `maps.PROTOCOLS`.
-        pose_noise: of the budget's last rung.
+        pose_noise: of the budget's last stage.
         with_budget: run the budget.
         seed: of the pose noise and of every bootstrap.
         T_base_camera: mount for frames without pose: 16 numbers, row by row; None = measured frame by frame.
         network: digest of the network file, if there is one.
+        margin_m: that marks are grown by where safety is judged.
     """
 
     dataset: DatasetSpec
     config: Config = field(default_factory=Config)
     resolutions_m: tuple[float, ...] = (0.05, 0.1)
-    protocols: tuple[str, ...] = PROTOCOLS
+    protocols: tuple[str, ...] = PROTOCOLS[:2]
     pose_noise: PoseNoise = field(default_factory=PoseNoise)
     with_budget: bool = True
     seed: int = 0
     T_base_camera: tuple[float, ...] | None = None
     network: str = ""
+    margin_m: float = DEFAULT_MARGIN_M
 
     def __post_init__(self) -> None:
         wrong = [p for p in self.protocols if p not in PROTOCOLS]
@@ -58,6 +69,10 @@ class Plan:
             raise InvalidValueError(
                 f"evaluation: expected protocols of {', '.join(PROTOCOLS)} and at least one resolution, "
                 f"got {self.protocols} and {self.resolutions_m}"
+            )
+        if not 0 <= self.margin_m <= LARGEST_M:
+            raise InvalidValueError(
+                f"evaluation: expected a margin of 0 to {LARGEST_M:g} m, got {self.margin_m}"
             )
         for resolution_m in self.resolutions_m:
             at_resolution(self.config, resolution_m)  # raises for what is no resolution
@@ -89,6 +104,7 @@ class Plan:
             seed=plain["seed"],
             T_base_camera=None if mount is None else tuple(mount),
             network=plain["network"],
+            margin_m=plain["margin_m"],
         )
 
     @property
@@ -151,7 +167,7 @@ def evaluate_frame(plan: Plan, numbered: Numbered, segmenter: Segmenter) -> dict
     segmentation = segmenter(frame).confident(plan.config.segmenter.min_confidence)
     truth, called = aligned_masks(frame.labels, frame.label_set, segmentation)
     pose = pose_of(plan, frame)
-    maps, missed, made = {}, [], FrameMaps()
+    maps, missed, made = {}, [], FrameMaps(numbered.truth)
     for protocol in plan.protocols:
         for resolution_m in plan.resolutions_m:
             config = at_resolution(plan.config, resolution_m)
@@ -164,21 +180,46 @@ def evaluate_frame(plan: Plan, numbered: Numbered, segmenter: Segmenter) -> dict
         "index": numbered.index,
         "name": frame.name,
         "tags": {str(k): str(v) for k, v in sorted(frame.tags.items())},
+        "looks": looks_of(frame, frame.T_map_camera, plan.config.watchdog),
         "mask": confusion_of_masks(truth, called, segmentation.label_set).to_dict(),
         "maps": maps,
         "missed": missed,
+        "safety": safety_of(plan, frame, numbered.clean, segmentation, pose, made).to_dict(),
         "budget": _budget(plan, numbered, frame, segmentation, pose, made) if plan.with_budget else {},
     }
 
 
+def safety_of(
+    plan: Plan,
+    frame: Frame,
+    clean: Frame | None,
+    segmentation: Segmentation,
+    T_map_camera: Pose,
+    made: FrameMaps,
+) -> SafetyTally:
+    """The map of the robot against all that is truly there, at the first resolution."""
+    config = at_resolution(plan.config, plan.resolutions_m[0])
+    truth = frame if clean is None else clean
+    found = compare_frame(frame, segmentation, T_map_camera, config, "dense", clean, made)
+    spec, pixels = found.reference.spec, made.pixels(truth, T_map_camera, config)
+    cells = made.cells(pixels, spec)
+    things = find_things(truth, pixels, cells, spec, config, made.truth)
+    tally = judge(found.reference, found.predicted, things, T_map_camera, plan.margin_m)
+    assert truth.labels is not None  # noqa: S101 - compare_frame has asked for them
+    assert truth.label_set is not None  # noqa: S101
+    left_out = unjudged(pixels, cells, truth.labels, truth.label_set)
+    return tally + SafetyTally(plan.margin_m, {}, left_out)
+
+
 def compare_again(
-    plan: Plan, frame: Frame, clean: Frame | None, segmenter: Segmenter
+    plan: Plan, frame: Frame, clean: Frame | None, segmenter: Segmenter, truth: FrameTruth | None = None
 ) -> tuple[Segmentation, MapComparison]:
     """The main comparison of a frame once more, for pictures."""
     segmentation = segmenter(frame).confident(plan.config.segmenter.min_confidence)
     config = at_resolution(plan.config, plan.resolutions_m[0])
     pose, protocol = pose_of(plan, frame), plan.protocols[0]
-    return segmentation, compare_frame(frame, segmentation, pose, config, protocol, clean)
+    made = FrameMaps(truth)
+    return segmentation, compare_frame(frame, segmentation, pose, config, protocol, clean, made)
 
 
 def pose_of(plan: Plan, frame: Frame) -> Pose:
@@ -195,7 +236,7 @@ def pose_of(plan: Plan, frame: Frame) -> Pose:
     if plan.T_base_camera is None:
         from swardmap.perception.ground_plane import estimate_mount
 
-        return estimate_mount(frame)
+        return estimate_mount(replace(frame, labels=None))  # the robot has no true labels to find its lawn by
     return Pose("base", "camera", np.array(plan.T_base_camera).reshape(4, 4))
 
 
@@ -217,7 +258,7 @@ def _budget(
     real = noisy_pose(pose, noise, plan.seed, numbered.index) if moves else None
     sides = RealAndTrue(frame, segmentation, pose, numbered.clean, real)
     tallies = budget(sides, at_resolution(plan.config, plan.resolutions_m[0]), made)
-    return {rung: tally.to_dict() for rung, tally in tallies.items()}
+    return {stage: tally.to_dict() for stage, tally in tallies.items()}
 
 
 def _places(found: MapComparison) -> list[dict[str, Any]]:

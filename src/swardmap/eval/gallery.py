@@ -1,7 +1,7 @@
 """The worst frames as pictures: photo, mask, reference map, predicted map with its misses tied (Fig. 5)."""
 
 import base64
-from html import escape
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from swardmap.eval.dataset import read_frames
 from swardmap.eval.frame import Plan, compare_again, segmenter_of
 from swardmap.eval.maps import MapComparison, tied_cells
+from swardmap.grid import OccupancyGrid
 from swardmap.labels import MapClass
 from swardmap.types import Frame, Segmentation
 
@@ -19,33 +20,57 @@ MAP_COLORS = np.array([(213, 217, 214), (104, 180, 84), (66, 103, 178), (240, 18
 PHOTO_WIDTH = 480
 
 
-def frame_figure(plan: Plan, index: int, command: str) -> str:
-    """One frame of the gallery as HTML; empty if it cannot be read any more."""
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A picture inside the page.
+
+    Attributes:
+        url: with the data in it.
+        width, height: in pixels, of maps in cells.
+        alt: what it shows.
+        ties: of a map: missed cells with the found cell nearest to them.
+        metre: of a map: cells a metre.
+    """
+
+    url: str
+    width: int
+    height: int
+    alt: str
+    ties: tuple["Tie", ...] = ()
+    metre: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Tie:
+    """Centre of a missed cell in the picture, and that of the found cell nearest to it, if there is one."""
+
+    x: float
+    y: float
+    hit: tuple[float, float] | None
+
+
+def frame_pictures(plan: Plan, index: int) -> dict[str, Any] | None:
+    """One frame of the gallery for its template; None if it cannot be read any more."""
     numbered = next(read_frames(plan.dataset, index, index + 1))
     frame = numbered.frame
     if frame is None:
-        return ""
-    segmentation, found = compare_again(plan, frame, numbered.clean, segmenter_of(plan, frame.label_set))
+        return None
+    segmenter = segmenter_of(plan, frame.label_set)
+    segmentation, found = compare_again(plan, frame, numbered.clean, segmenter, numbered.truth)
     window = _known_window(found)
-    pictures = [
-        ("photo", _image(_photo(frame), f"photo of frame {frame.name}", ".jpg")),
-        ("mask", _image(_masked(frame, segmentation), f"predicted mask of frame {frame.name}", ".jpg")),
-        ("reference map", _map(found.reference.classes, window, [], "reference map")),
-        (
-            "predicted map",
-            _map(found.predicted.classes, window, _ties(found), "predicted map, misses in red"),
-        ),
-    ]
-    cells = "".join(f"<div>{picture}<small>{name}</small></div>" for name, picture in pictures)
-    return (
-        f'<figure class="frame"><div class="four">{cells}</div>'
-        f"<figcaption>{_caption(index, frame, found)}<br><code>{escape(command)}</code></figcaption></figure>"
-    )
+    return {
+        "name": frame.name or str(index),
+        "tags": ", ".join(f"{k} {v}" for k, v in sorted(frame.tags.items())),
+        "facts": "; ".join(_facts(found)),
+        "photo": _image(_photo(frame), f"photo of frame {frame.name}", ".jpg"),
+        "mask": _image(_masked(frame, segmentation), f"predicted mask of frame {frame.name}", ".jpg"),
+        "reference": _map(found.reference, window, [], "reference map"),
+        "predicted": _map(found.predicted, window, _ties(found), "predicted map, misses in red"),
+    }
 
 
-def _caption(index: int, frame: Frame, found: MapComparison) -> str:
+def _facts(found: MapComparison) -> list[str]:
     tally, summary = found.tally, found.tally.distances().summary()
-    tags = ", ".join(f"{k} {v}" for k, v in sorted(frame.tags.items()))
     called = tally.matrix.obstacle_called_free
     parts = [f"{called.count} of {called.of} obstacle cells called free"]
     if summary.mean_m is not None and summary.max_m is not None:
@@ -54,8 +79,7 @@ def _caption(index: int, frame: Frame, found: MapComparison) -> str:
         parts.append("no obstacle cell was found at all: no d_min-obst")
     if tally.missed_called_free:
         parts.append(f"{tally.missed_called_free} whole obstacles called free")
-    name = escape(frame.name or str(index))
-    return f"<b>Frame {name}</b>{' (' + escape(tags) + ')' if tags else ''}: {escape('; '.join(parts))}."
+    return parts
 
 
 def _photo(frame: Frame) -> NDArray[np.uint8]:
@@ -91,36 +115,26 @@ def _ties(found: MapComparison) -> list[tuple[NDArray[np.int64], NDArray[np.int6
 
 
 def _map(
-    classes: NDArray[np.uint8],
+    grid: OccupancyGrid,
     window: tuple[slice, slice],
     ties: list[tuple[NDArray[np.int64], NDArray[np.int64] | None]],
     name: str,
-) -> str:
-    """A map with y up, one unit a cell, misses as red squares and ties as lines."""
+) -> Picture:
+    """A map with y up, one unit a cell."""
     rows, columns = window
-    picture = MAP_COLORS[classes[window]][::-1]
+    picture = MAP_COLORS[grid.classes[window]][::-1]
     height, width = picture.shape[:2]
 
     def place(cell: NDArray[np.int64]) -> tuple[float, float]:
         return float(cell[0] - columns.start) + 0.5, float(rows.stop - cell[1]) - 0.5
 
-    marks = []
-    for missed, hit in ties:
-        x, y = place(missed)
-        marks.append(f'<rect x="{x - 0.5}" y="{y - 0.5}" width="1" height="1" fill="#d6333a"/>')
-        if hit is not None:
-            u, v = place(hit)
-            marks.append(f'<line x1="{x}" y1="{y}" x2="{u}" y2="{v}" stroke="#d6333a" stroke-width=".35"/>')
-    return (
-        f'<svg viewBox="0 0 {width} {height}" role="img" aria-label="{escape(name)}">'
-        f'<image width="{width}" height="{height}" href="{_data_url(picture, ".png")}"/>'
-        f"{''.join(marks)}</svg>"
-    )
+    tied = tuple(Tie(*place(missed), None if hit is None else place(hit)) for missed, hit in ties)
+    return Picture(_data_url(picture, ".png"), width, height, name, tied, 1 / grid.spec.resolution_m)
 
 
-def _image(picture: NDArray[np.uint8], alt: str, kind: str) -> str:
+def _image(picture: NDArray[np.uint8], alt: str, kind: str) -> Picture:
     height, width = picture.shape[:2]
-    return f'<img src="{_data_url(picture, kind)}" width="{width}" height="{height}" alt="{escape(alt)}">'
+    return Picture(_data_url(picture, kind), width, height, alt)
 
 
 def _data_url(picture: NDArray[np.uint8], kind: str) -> str:

@@ -12,17 +12,21 @@ from swardmap.errors import InputError, InvalidValueError
 from swardmap.eval.confusion import confusion_of_maps
 from swardmap.eval.dmin import Misses, find_misses, nearest_hits
 from swardmap.eval.tally import RANGE_BANDS_M, MapTally, MissedKind, MissKind
+from swardmap.eval.truth import TruePixels, dense_map, true_pixels
 from swardmap.geometry import Pose
 from swardmap.grid import GridSpec, OccupancyGrid, classify_cells, count_points
+from swardmap.io.sources.truth import FrameTruth
 from swardmap.labels import MapClass
 from swardmap.perception.ground_surface import find_ground
 from swardmap.perception.plain import sum_heights
 from swardmap.pipeline import observe, view_spec
 from swardmap.types import Frame, LabeledCloud, Segmentation
 
-PROTOCOLS = ("dense", "paper")
-"""dense: the reference takes every valid pixel, unfiltered, of the clean depth where there is one. paper: it
-takes the predicted map's depth, filter and downsampling, so that both agree on what is unknown (Table 6)."""
+PROTOCOLS = ("dense", "paper", "paper-own")
+"""dense: the reference takes every valid pixel, unfiltered, of the clean depth where there is one, by its
+height above the true ground. paper: the reference takes the predicted map's depth, filter and
+downsampling; the predicted map is the one that the robot makes. paper-own: one point is enough for a cell
+of either map, as in the paper, so that both agree on what is unknown (Table 6)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,10 +77,54 @@ def compare_maps(
 
 
 class FrameMaps:
-    """The maps of one frame, each made once however many comparisons ask for it."""
+    """The maps of one frame, each made once however many comparisons ask for it.
 
-    def __init__(self) -> None:
+    Args:
+        truth: what is truly there in the frame, if the data set knows.
+    """
+
+    def __init__(self, truth: FrameTruth | None = None) -> None:
+        self.truth = truth
         self._made: dict[tuple[object, ...], tuple[OccupancyGrid, Frame, Segmentation, Pose]] = {}
+        self._pixels: dict[tuple[object, ...], tuple[TruePixels, Frame, Pose, Pose]] = {}
+        self._dense: dict[tuple[object, ...], tuple[OccupancyGrid, Segmentation]] = {}
+        self._cells: dict[tuple[object, ...], NDArray[np.int64]] = {}
+
+    def pixels(
+        self, frame: Frame, T_map_camera: Pose, config: Config, T_placed: Pose | None = None
+    ) -> TruePixels:
+        """The same as `true_pixels`."""
+        placed = T_placed or T_map_camera
+        key = (id(frame.depth), id(T_map_camera), id(placed), config.cloud)
+        if key not in self._pixels:
+            found = true_pixels(frame, T_map_camera, config, self.truth, placed)
+            self._pixels[key] = found, frame, T_map_camera, placed
+        return self._pixels[key][0]
+
+    def cells(self, pixels: TruePixels, spec: GridSpec) -> NDArray[np.int64]:
+        """The same as `TruePixels.cells`, of what `pixels` gave."""
+        key = (id(pixels), spec)
+        if key not in self._cells:
+            self._cells[key] = pixels.cells(spec)
+        return self._cells[key]
+
+    def dense(
+        self,
+        frame: Frame,
+        segmentation: Segmentation,
+        T_map_camera: Pose,
+        config: Config,
+        spec: GridSpec,
+        T_placed: Pose | None = None,
+    ) -> OccupancyGrid:
+        """The same as `dense_map`, of `pixels`."""
+        pixels = self.pixels(frame, T_map_camera, config, T_placed)
+        key = (id(pixels), id(segmentation.labels), spec)
+        if key not in self._dense:
+            cells = self.cells(pixels, spec)
+            grid = dense_map(pixels, segmentation, spec, cells, frame.stamp_ns)
+            self._dense[key] = grid, segmentation
+        return self._dense[key][0]
 
     def __call__(
         self, frame: Frame, segmentation: Segmentation, T_map_camera: Pose, config: Config, spec: GridSpec
@@ -91,35 +139,29 @@ class FrameMaps:
 
 @lru_cache(maxsize=32)  # building a configuration checks every setting
 def protocol_configs(config: Config, protocol: str) -> tuple[Config, Config]:
-    """Settings of the reference map and of the predicted map.
+    """Settings of the reference map and of the predicted map in the paper's protocols.
 
-    Range and height limits stay in both: they say what the map is about. In the paper's protocol one
-    point is enough for a cell of either map: otherwise a cell of two grass points and one obstacle point
-    would be unknown in one map and not in the other.
+    Range and height limits stay in both: they say what the map is about. The reference takes the same
+    filter, one point a cell, and nothing but the labels. With `paper-own` one point is enough for a cell of
+    either map: otherwise a cell of two grass points and one obstacle point would be unknown in one map and
+    not in the other.
 
     Args:
         config: of the robot.
-        protocol: see PROTOCOLS.
+        protocol: `paper` or `paper-own`.
     """
-    if protocol == "dense":
-        return dense(config), config
+    same = replace(config, grid=replace(config.grid, min_points=1, min_grass_points=1))
+    reference = replace(same, geometry=labels_alone(config.geometry))
     if protocol == "paper":
-        same = replace(config, grid=replace(config.grid, min_points=1, min_grass_points=1))
-        return replace(same, geometry=labels_alone(config.geometry)), same  # the truth is what the labels say
-    raise InvalidValueError(f"expected a protocol of {', '.join(PROTOCOLS)}, got '{protocol}'")
+        return reference, config
+    if protocol == "paper-own":
+        return reference, same
+    raise InvalidValueError(f"expected a protocol of paper, paper-own, got '{protocol}'")
 
 
 def labels_alone(geometry: GeometryConfig) -> GeometryConfig:
     """The same ground, and no marks from depth: the truth is what the labels say."""
     return replace(geometry, enabled=False, semantics=True)
-
-
-@lru_cache(maxsize=32)
-def dense(config: Config) -> Config:
-    """Every valid pixel within the limits counts, by its label: no filter, one point is enough for a cell."""
-    cloud = replace(config.cloud, consistent_neighbours=0, voxel_m=0.0, outliers="none")
-    one_point = replace(config.grid, min_points=1, min_grass_points=1)
-    return replace(config, cloud=cloud, grid=one_point, geometry=labels_alone(config.geometry))
 
 
 @lru_cache(maxsize=32)
@@ -194,17 +236,21 @@ def compare_frame(
         protocol: see PROTOCOLS.
         clean: the same frame with clean depth, which the dense reference is then made of; the paper's
             reference takes the sensor's depth, as its annotated clouds do.
-        maps: those already made of this frame.
+        maps: those already made of this frame; knows what is truly there.
 
     Raises:
         InputError: if the frame has no labels.
+        InvalidValueError: for another protocol.
     """
-    of_reference, of_predicted = protocol_configs(config, protocol)
-    truth = clean if clean is not None and protocol == "dense" else frame
-    spec = spec_of(frame, T_map_camera, config)
-    make = maps or FrameMaps()
-    reference = make(truth, true_segmentation(truth), T_map_camera, of_reference, spec)
-    predicted = make(frame, segmentation, T_map_camera, of_predicted, spec)
+    spec, make = spec_of(frame, T_map_camera, config), maps or FrameMaps()
+    if protocol == "dense":
+        truth = frame if clean is None else clean
+        reference = make.dense(truth, true_segmentation(truth), T_map_camera, config, spec)
+        predicted = make(frame, segmentation, T_map_camera, config, spec)
+    else:
+        of_reference, of_predicted = protocol_configs(config, protocol)
+        reference = make(frame, true_segmentation(frame), T_map_camera, of_reference, spec)
+        predicted = make(frame, segmentation, T_map_camera, of_predicted, spec)
     return compare_maps(reference, predicted, T_map_camera.position_m[:2])
 
 

@@ -17,7 +17,7 @@ can be said of that. The cluster bootstrap beside it is about the pooled share, 
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,7 +51,7 @@ class Claim:
         margin_m: the claim's margin, rounded up to a millimetre; None if refused.
         reason: why it was refused, and how many units would do; empty otherwise.
         units_needed: smallest number of units that could carry the claim, if no cell were uncovered.
-        claimable_share: largest share that this number of units could carry.
+        claimable_share: largest share, in thousandths, that these units carry with some margin; 0 if none.
         every_cell_m: order statistics: in `share` of the units no missed cell at all is farther; or None.
         bootstrap_m: cluster bootstrap: upper end of the pooled share's quantile; or None.
         pooled_m: quantile of the pooled cells here, without any confidence; or None.
@@ -126,7 +126,7 @@ def measure_margin(
         margin_m=None if margin is None else _up_to_millimetre(math.sqrt(margin) * resolution_m),
         reason="" if margin is not None else _reason(n, needed, share, confidence, unit, losses),
         units_needed=needed,
-        claimable_share=(1 - confidence) ** (1 / n) if n else 0.0,
+        claimable_share=carried_share(losses, n, confidence),
         every_cell_m=_metres(_order_statistic(filled, share, confidence), resolution_m),
         bootstrap_m=_metres(_bootstrap(filled, share, confidence, seed), resolution_m),
         pooled_m=_metres(_quantile(pooled, share), resolution_m),
@@ -230,15 +230,28 @@ def _quantile(pooled: Mapping[int, int], share: float) -> float | None:
     return None
 
 
+def carried_share(losses: Sequence[float], n: int, confidence: float) -> float:
+    """Largest share, in thousandths, that n units carry at the largest margin; 0 if they carry none.
+
+    Args:
+        losses: mean loss at each radius, the last the smallest.
+        n: number of units.
+        confidence: of the claim.
+    """
+    thousandths = range(999, 0, -1) if losses else ()
+    return next((k / 1000 for k in thousandths if _is_proven(losses[-1], n, k / 1000, confidence)), 0.0)
+
+
 def _reason(n: int, needed: int, share: float, confidence: float, unit: str, losses: list[float]) -> str:
     what = f"{share:.4g} of the missed cells at {confidence:.4g} confidence"
     if n == 0:
         return f"no {unit} has missed cells to measure a margin from; {what} needs at least {needed} that do"
     if n < needed:
-        most = (1 - confidence) ** (1 / n)
+        most = carried_share(losses, n, confidence)
+        carried = f"these carry a share of {most:.3f} at most" if most else "these carry no share at all"
         return (
-            f"{what} needs at least {needed} independent {unit}s with missed cells, got {n}; "
-            f"these could carry a share of {math.floor(most * 1000) / 1000:.3f} at most"
+            f"{what} needs at least {needed} independent {unit}s with missed cells, got {n}: "
+            f"{needed - n} more without an uncovered cell would do; {carried}"
         )
     least = losses[-1]
     refusal = (
@@ -248,7 +261,7 @@ def _reason(n: int, needed: int, share: float, confidence: float, unit: str, los
     if least >= 1 - share:
         return refusal
     enough = math.ceil(-math.log(1 - confidence) / _divergence(least, 1 - share))
-    return f"{refusal}; at this rate {enough} {unit}s with missed cells would do, got {n}"
+    return f"{refusal}; at this rate {enough} {unit}s with missed cells would do, got {n}: {enough - n} more"
 
 
 def _metres(squared: float | None, resolution_m: float) -> float | None:

@@ -2,14 +2,18 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
+from swardmap.config import config_to_dict
 from swardmap.errors import InvalidValueError
 from swardmap.eval.distances import DistanceHistogram
 from swardmap.eval.frame import Plan, split_key
+from swardmap.eval.maps import at_resolution
 from swardmap.eval.margin import POPULATIONS, Claim, measure_margin, unit_misses, units_needed
 from swardmap.eval.margin_statement import margin_of, statement_of
 from swardmap.eval.tally import MapTally, total_of
+from swardmap.io.maps.margin_file import measured_with
 
 Record = Mapping[str, Any]
 
@@ -69,7 +73,8 @@ def margin_section(plan: Plan, records: Sequence[Record], options: MarginOptions
     person = claims[options.unit, options.population, "person"]
     margin = margin_of(chosen, person)
     total = total_of([tally for _, tally in tallies], resolution_m)
-    where = f"{plan.dataset.location}, segmenter {plan.segmenter_name}, maps {plan.main}"
+    config = at_resolution(plan.config, resolution_m)
+    where = f"{Path(plan.dataset.location).name}, segmenter {plan.segmenter_name}, maps {plan.main}"
     not_covered = not_covered_text(total)
     return {
         "options": asdict(options),
@@ -79,6 +84,8 @@ def margin_section(plan: Plan, records: Sequence[Record], options: MarginOptions
         "statement": statement_of(chosen, person, not_covered, where),
         "not_covered": not_covered,
         "claims": [asdict(c) for c in claims.values()],
+        "measured_with": asdict(measured_with(config_to_dict(config), plan.segmenter_name)),
+        "carried_share": chosen.claimable_share,
         "curve": margin_curve(total.distances(found=True if options.population == "found" else None)),
     }
 

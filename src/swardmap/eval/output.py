@@ -2,7 +2,7 @@
 
 results.json    everything, for programs
 metrics.csv     every score, one a line        frames.csv   every frame, one a line
-tables.md, .tex the paper's tables 2-10        report.html  for people
+tables.md, .tex safety, and the paper's tables 2-10        report.html  for people
 margin.yaml     the margin, as `map --config` takes it; only if the data carries the claim
 config.yaml     all settings that were used
 """
@@ -16,10 +16,10 @@ from typing import Any
 
 from swardmap.config import config_to_yaml
 from swardmap.eval.frame import Plan, split_key
-from swardmap.eval.tables import latex, markdown, paper_tables
+from swardmap.eval.tables import latex, markdown, paper_tables, safety_tables
 from swardmap.eval.tally import MapTally
 from swardmap.io.files import write_text
-from swardmap.io.maps.margin_file import Margin, margin_text
+from swardmap.io.maps.margin_file import Margin, MeasuredWith, margin_text
 
 Record = Mapping[str, Any]
 
@@ -39,17 +39,19 @@ def write_results(
     Raises:
         OutputError: if one cannot be written.
     """
-    tables = paper_tables(results)
+    tables = [*safety_tables(results), *paper_tables(results)]
+    for name in ("results.json", "margin.yaml"):  # of an earlier run; both must not stand beside what follows
+        (out / name).unlink(missing_ok=True)
     write_text(out / "config.yaml", config_to_yaml(plan.config))
     write_text(out / "metrics.csv", _csv(METRIC_HEAD, metric_rows(results)))
     write_text(out / "frames.csv", _csv(FRAME_HEAD, (frame_row(r, plan.main) for r in records)))
     write_text(out / "tables.md", markdown(tables))
     write_text(out / "tables.tex", latex(tables))
     margin = results["margin"]
-    if margin["margin_m"] is None:  # a margin of an earlier run must not stand beside a refusal
-        (out / "margin.yaml").unlink(missing_ok=True)
-    else:
-        text = margin_text(Margin(margin["margin_m"], margin["person_margin_m"]), margin["statement"])
+    if margin["margin_m"] is not None:
+        measured = MeasuredWith(**margin["measured_with"])
+        known = Margin(margin["margin_m"], margin["person_margin_m"], measured)
+        text = margin_text(known, margin["statement"])
         write_text(out / "margin.yaml", text)
     if html is not None:
         write_text(out / "report.html", html)
@@ -75,10 +77,11 @@ def metric_rows(results: Mapping[str, Any]) -> Iterator[tuple[Any, ...]]:
                     yield (*where, sort, f"d_min_{name}", d_min[name], d_min["count"])
                 for q, value in d_min["quantiles_m"].items():
                     yield (*where, sort, f"d_min_q{q}_m", value, d_min["count"])
-            missed = section["missed"]
-            yield (*where, "", "missed_obstacles", missed["missed"], missed["obstacles"])
-            yield (*where, "", "missed_called_free", missed["called_free"], missed["obstacles"])
             yield (*where, "", "frames_without_hit", section["frames_without_hit"], section["frames"])
+    protocol, resolution_m = split_key(results["main"])
+    for tag, group, section in _sections(results["metrics"]):
+        for key, found in section.items():
+            yield ("metric", protocol, resolution_m, tag, group, "", key, found["value"], found["of"])
 
 
 FRAME_HEAD = (

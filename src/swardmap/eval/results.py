@@ -12,7 +12,10 @@ from swardmap.eval.confusion import ConfusionMatrix, Share
 from swardmap.eval.distances import DistanceSummary
 from swardmap.eval.frame import Plan, split_key
 from swardmap.eval.margin_section import MarginOptions, margin_section
+from swardmap.eval.metrics import Tallies, metrics_section
+from swardmap.eval.safety import SafetyTally, things_rows, total_safety
 from swardmap.eval.tally import RANGE_BANDS_M, MapTally, total_of
+from swardmap.eval.things import HEIGHT_CLASSES, PERSON
 
 Record = Mapping[str, Any]
 
@@ -50,6 +53,10 @@ def results(
             "unreadable": [{"index": r["index"], "error": r["error"]} for r in records if "error" in r],
         },
         "masks": _grouped(good, groups, lambda rs: mask_section(mask_total(rs)) if rs else None),
+        "margin_in_use_m": plan.margin_m,
+        "unit": unit_of(good),
+        "metrics": _grouped(good, groups, lambda rs: metrics_of(rs, plan.main) if rs else None),
+        "safety": safety_section(plan, good),
         "maps": {
             key: _grouped(good, groups, lambda rs, key=key: map_section(map_total(rs, key)))  # type: ignore[misc]
             for key in (good[0]["maps"] if good else ())
@@ -84,6 +91,58 @@ def map_total(records: Iterable[Record], key: str) -> MapTally:
     """The sum of the tallies of one kind of map."""
     _, resolution_m = split_key(key)
     return total_of([MapTally.from_dict(r["maps"][key], resolution_m) for r in records], resolution_m)
+
+
+def tallies_of(record: Record, key: str) -> Tallies:
+    """All that was counted of one frame with one kind of map."""
+    return total_tallies([record], key)
+
+
+def total_tallies(records: Sequence[Record], key: str) -> Tallies:
+    """The sums of all that was counted with one kind of map."""
+    safety = [SafetyTally.from_dict(r["safety"]) for r in records]
+    return Tallies(mask_total(records), map_total(records, key), total_safety(safety, safety[0].margin_m))
+
+
+UNITS = ("scene", "sequence")
+"""Tags that say what is independent: a garden seen in five lights is one garden."""
+
+
+def unit_of(records: Sequence[Record]) -> str | None:
+    """The tag whose values are taken as independent; None if frames have none with several values."""
+    for tag in UNITS:
+        if len({r["tags"].get(tag) for r in records} - {None}) > 1:
+            return tag
+    return None
+
+
+def metrics_of(records: Sequence[Record], key: str) -> dict[str, Any]:
+    """Every metric of some frames, headlines with their interval by sequence."""
+    unit, units = unit_of(records), dict[str, list[Record]]()
+    for record in records if unit is not None else ():
+        units.setdefault(record["tags"].get(unit, ""), []).append(record)
+    return metrics_section(total_tallies(records, key), [total_tallies(rs, key) for rs in units.values()])
+
+
+def safety_section(plan: Plan, records: Sequence[Record]) -> dict[str, Any]:
+    """Things by height, kind and distance, cells by what is in them, and what nobody judged."""
+    total = total_safety([SafetyTally.from_dict(r["safety"]) for r in records], plan.margin_m)
+    kinds = sorted({k.kind for k in total.things})
+    body = SafetyTally(plan.margin_m, {k: n for k, n in total.things.items() if k.kind == TEST_BODY})
+    bands = range(len(RANGE_BANDS_M))
+    return {
+        "margin_m": plan.margin_m,
+        "by_height": things_rows(total, "height", HEIGHT_CLASSES),
+        "by_kind": things_rows(total, "kind", kinds),
+        "by_range": things_rows(total, "band", bands),
+        "test_body_by_range": things_rows(body, "band", bands) if body.things else [],
+        "range_edges_m": list(RANGE_BANDS_M),
+        "counts": dict(sorted(total.counts.items())),
+    }
+
+
+TEST_BODY = "test body"
+"""Kind of the test body of ISO 18497 in gardens."""
 
 
 def mask_section(matrix: ConfusionMatrix) -> dict[str, Any]:
@@ -146,13 +205,16 @@ def _by_size(tally: MapTally) -> list[dict[str, Any]]:
 
 
 def worst_first(records: Sequence[Record], key: str) -> list[Record]:
-    """Frames with most at stake first: nothing found, persons or obstacles missed, then by distance."""
+    """Frames with most at stake first: persons and things in danger, nothing found, cells missed."""
 
     def stake(record: Record) -> tuple[float, ...]:
         tally = MapTally.from_dict(record["maps"][key], split_key(key)[1])
         free = [m for m in record["missed"] if m["called_free"]]
         longest = tally.distances().summary().max_m or 0.0
+        safety = SafetyTally.from_dict(record["safety"])
         return (
+            -safety.of_things(height=PERSON)[2],
+            -safety.of_things()[2],
             -tally.frames_without_hit,
             -sum(m["called_free"] for m in free if m["person"]),
             -sum(m["called_free"] for m in free),
@@ -178,11 +240,11 @@ def summary(value: DistanceSummary) -> dict[str, Any]:
 def _budget_section(plan: Plan, records: Sequence[Record]) -> dict[str, Any]:
     if not plan.with_budget:
         return {"rows": [], "not_run": {"all": "the budget was switched off"}}
-    rungs = list(records[0]["budget"]) if records else []
+    stages = list(records[0]["budget"]) if records else []
     _, resolution_m = split_key(plan.main)
     totals = {
-        rung: total_of([MapTally.from_dict(r["budget"][rung], resolution_m) for r in records], resolution_m)
-        for rung in rungs
+        stage: total_of([MapTally.from_dict(r["budget"][stage], resolution_m) for r in records], resolution_m)
+        for stage in stages
     }
     rows = []
     for row in budget_rows(totals):
@@ -191,7 +253,7 @@ def _budget_section(plan: Plan, records: Sequence[Record]) -> dict[str, Any]:
             plain[name] = share(getattr(row, name))
         rows.append(plain | {"d_min": summary(row.d_min)})
     has_pose = np.any([plan.pose_noise.xy_m, plan.pose_noise.yaw_deg, plan.pose_noise.tilt_deg])
-    return {"rows": rows, "not_run": missing_stages("depth alone" in rungs, bool(has_pose))}
+    return {"rows": rows, "not_run": missing_stages("depth alone" in stages, bool(has_pose))}
 
 
 def _grouped(

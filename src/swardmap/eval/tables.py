@@ -5,12 +5,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from swardmap.eval.confusion import ConfusionMatrix
+from swardmap.eval.dataset import dataset_name
 from swardmap.eval.frame import split_key
+from swardmap.eval.metrics import METRICS, UNDEFINED, interval_text
+from swardmap.eval.pages import percent
 from swardmap.labels import Role
 
 SCORES = ("accuracy", "f1", "precision", "recall", "specificity")
 SCORE_HEADS = ("Accuracy [%]", "F1 [%]", "Precision [%]", "Recall [%]", "Specificity [%]")
-UNDEFINED = "–"  # noqa: RUF001 - as the paper prints it
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,16 +20,18 @@ class Table:
     """One table.
 
     Attributes:
-        number: of the paper's table it follows.
+        number: of the paper's table it follows; S1 and on are ours.
         caption: what it shows, of which data.
         head: names of the columns.
         rows: cells as text; an empty first cell repeats the one above.
+        about: `masks`, or the protocol of the maps; with the number it tells tables apart.
     """
 
-    number: int
+    number: int | str
     caption: str
     head: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
+    about: str = "masks"
 
     @property
     def markdown(self) -> str:
@@ -45,6 +49,7 @@ class Table:
         body = [" & ".join(map(_escaped, cells)) + r" \\" for cells in self.rows]
         return "\n".join(
             [r"\begin{table}", r"\centering", rf"\caption{{{_escaped(self.caption)}}}",
+             rf"\label{{tab:{self.about}-{self.number}}}",
              rf"\begin{{tabular}}{{{columns}}}", r"\toprule", " & ".join(map(_escaped, self.head)) + r" \\",
              r"\midrule", *body, r"\bottomrule", r"\end{tabular}", r"\end{table}", ""]
         )  # fmt: skip
@@ -58,7 +63,7 @@ def paper_tables(results: Mapping[str, Any]) -> list[Table]:
     """
     if results["masks"]["overall"] is None:
         return []
-    masks, maps, data = results["masks"], results["maps"], results["dataset"]
+    masks, maps, data = results["masks"], results["maps"], dataset_name(results["dataset"])
     sequence = next((tag for tag in ("sequence", "scene") if tag in masks["by"]), None)
     tables = []
     if "illumination" in masks["by"]:
@@ -72,6 +77,39 @@ def paper_tables(results: Mapping[str, Any]) -> list[Table]:
             split_key(key)[1]: section for key, section in maps.items() if split_key(key)[0] == protocol
         }
         tables += _map_tables(protocol, of_protocol, sequence, data)
+    return tables
+
+
+def safety_tables(results: Mapping[str, Any]) -> list[Table]:
+    """What a safety engineer reads first: all headlines, and those of each sequence or scene.
+
+    Args:
+        results: from `results.results`.
+    """
+    found = results["metrics"]["overall"]
+    if found is None:
+        return []
+    headlines = [m for m in METRICS if m.headline]
+    data, unit = dataset_name(results["dataset"]), results["unit"]
+    rows = tuple(
+        (m.title, m.text(found[m.key]["value"]), f"{found[m.key]['count']} of {found[m.key]['of']}",
+         interval_text(found[m.key]) or UNDEFINED)
+        for m in headlines
+    )  # fmt: skip
+    margin = f"margin {results['margin_in_use_m']:g} m"
+    head = ("Figure", "Value", "Count", f"95 % by {unit or 'sequence'}")
+    tables = [Table("S1", f"What a safety engineer reads first, {data}, {margin}.", head, rows, "safety")]
+    shown = [m for m in headlines if not m.key.startswith(("things_5", "things_2", "things_over"))]
+    for tag in ("illumination", "scene", "sequence"):
+        groups = results["metrics"]["by"].get(tag)
+        if groups and len(groups) > 1:
+            lines = tuple(
+                (_title(name), *(m.text(section[m.key]["value"]).removesuffix(" %") for m in shown))
+                for name, section in groups.items()
+            )
+            heads = (tag.capitalize(), *(f"{_title(m.title)} [%]" for m in shown))
+            caption = f"The same by {tag}, {data}, {margin}."
+            tables.append(Table(f"S{len(tables) + 1}", caption, heads, lines, "safety"))
     return tables
 
 
@@ -107,9 +145,19 @@ def _map_tables(
     d_min_heads = ("avg(d_min-obst) [m]", "var(d_min-obst) [m²]")
     tables = [
         _cells_table(
-            6, "Map Resolution [m]", overall, f"Obstacle detection results based on map updates, {where}."
+            6,
+            "Map Resolution [m]",
+            overall,
+            f"Obstacle detection results based on map updates, {where}.",
+            protocol,
         ),
-        Table(7, f"Summary statistics of d_min-obst, {where}.", ("Map Resolution [m]", *d_min_heads), rows),
+        Table(
+            7,
+            f"Summary statistics of d_min-obst, {where}.",
+            ("Map Resolution [m]", *d_min_heads),
+            rows,
+            protocol,
+        ),
     ]
     if sequence is None:
         return tables
@@ -117,7 +165,7 @@ def _map_tables(
         if resolution_m in by_resolution:
             caption = f"Obstacle detection results at {resolution_m:g} m, {where}."
             groups = by_resolution[resolution_m]["by"][sequence]
-            tables.append(_cells_table(number, sequence.capitalize(), groups, caption))
+            tables.append(_cells_table(number, sequence.capitalize(), groups, caption, protocol))
     lines = []
     for name in next(iter(by_resolution.values()))["by"][sequence]:
         for i, resolution_m in enumerate(sorted(by_resolution, reverse=True)):
@@ -128,16 +176,16 @@ def _map_tables(
             )
     head = (sequence.capitalize(), "Map Resolution [m]", *d_min_heads)
     caption = f"Summary statistics of d_min-obst by {sequence}, {where}."
-    return [*tables, Table(10, caption, head, tuple(lines))]
+    return [*tables, Table(10, caption, head, tuple(lines), protocol)]
 
 
-def _cells_table(number: int, group: str, sections: Mapping[str, Any], caption: str) -> Table:
+def _cells_table(number: int, group: str, sections: Mapping[str, Any], caption: str, protocol: str) -> Table:
     rows = [
         (_title(name) if i == 0 else "", _title(scores["name"]), *(percent(scores[s]) for s in SCORES))
         for name, section in sections.items()
         for i, scores in enumerate(section["joined"]["classes"])
     ]
-    return Table(number, caption, (group, "Class", *SCORE_HEADS), tuple(rows))
+    return Table(number, caption, (group, "Class", *SCORE_HEADS), tuple(rows), protocol)
 
 
 def _two_classes(matrix: ConfusionMatrix) -> ConfusionMatrix:
@@ -146,11 +194,6 @@ def _two_classes(matrix: ConfusionMatrix) -> ConfusionMatrix:
     other = [n for n in matrix.names if n not in free]
     groups = {name: members for name, members in (("other", other), ("grass", free)) if members}
     return matrix.merged(groups)
-
-
-def percent(value: float | None) -> str:
-    """A share as the paper prints it."""
-    return UNDEFINED if value is None else f"{100 * value:.2f}"
 
 
 def markdown(tables: Sequence[Table]) -> str:

@@ -7,12 +7,16 @@ and a subclass of the contract test (CONTRIBUTING.md).
 import importlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from swardmap.config import Config, SourceConfig
 from swardmap.errors import ConfigError, InputError, SwardmapError
+from swardmap.io.door import through_door
 from swardmap.labels import LabelSet
 from swardmap.types import Frame
+
+if TYPE_CHECKING:
+    from swardmap.io.sources.truth import FrameTruth
 
 
 @runtime_checkable
@@ -40,7 +44,10 @@ class FrameSource(Protocol):
 
 
 class SourceModule(Protocol):
-    """What a module named in SOURCES offers."""
+    """What a module named in SOURCES offers.
+
+    One that says WHOLE_CONFIG = True gets the whole configuration: it filters depth before it aligns it.
+    """
 
     @staticmethod
     def recognises(path: Path) -> bool:
@@ -92,11 +99,14 @@ NAMED: Mapping[str, str] = {"analytic": "swardmap.synth.analytic_source"}
 
 
 @runtime_checkable
-class CleanSource(Protocol):
-    """A source that also knows its frames as an ideal sensor sees them."""
+class TruthSource(Protocol):
+    """A source that may know more of its frames than a sensor sees; an evaluation asks, a robot does not."""
 
-    def clean_frame(self, position: int) -> Frame:
-        """The frame at a position of this source, with exact depth."""
+    def clean_frame(self, position: int) -> Frame | None:
+        """The frame at a position of this source, with exact depth; None if there is none."""
+
+    def truth(self, position: int) -> "FrameTruth | None":
+        """What is truly there in that frame; None if nobody recorded it."""
 
 
 def is_named(location: str | Path) -> bool:
@@ -110,6 +120,7 @@ def is_live(location: str | Path) -> bool:
     return bool(colon) and kind in LIVE
 
 
+@through_door("a recording")
 def open_source(location: str | Path, config: SourceConfig | Config | None = None) -> FrameSource:
     """Open a recording, whatever kind it is, or a live camera.
 
@@ -131,22 +142,24 @@ def open_source(location: str | Path, config: SourceConfig | Config | None = Non
     if is_named(location):
         named: NamedModule = importlib.import_module(NAMED[kind])  # type: ignore[assignment]
         return named.open_named(str(location), whole.source)
-    return _open_path(Path(location), whole.source)
+    return _open_path(Path(location), whole)
 
 
-def _open_path(path: Path, config: SourceConfig) -> FrameSource:
-    if config.format is not None and config.format not in SOURCES:
-        raise ConfigError(f"source.format: expected one of {', '.join(SOURCES)}, got '{config.format}'")
+def _open_path(path: Path, config: Config) -> FrameSource:
+    source = config.source
+    if source.format is not None and source.format not in SOURCES:
+        raise ConfigError(f"source.format: expected one of {', '.join(SOURCES)}, got '{source.format}'")
     try:
         if not path.exists():
             raise InputError(f"no such recording: {path}")
         if path.is_dir():
             next(path.iterdir(), None)  # what cannot be listed looks empty to those who ask for a name
-        kinds = [config.format] if config.format else list(SOURCES)
+        kinds = [source.format] if source.format else list(SOURCES)
         for kind in kinds:
             module: SourceModule = importlib.import_module(SOURCES[kind])  # type: ignore[assignment]
-            if config.format or module.recognises(path):
-                return module.open_source(path, config)
+            if source.format or module.recognises(path):
+                whole = getattr(module, "WHOLE_CONFIG", False)
+                return module.open_source(path, config if whole else source)  # type: ignore[arg-type]
     except (OSError, ValueError) as error:  # ValueError: a null byte in the name
         if isinstance(error, SwardmapError):
             raise

@@ -1,18 +1,18 @@
 """Writing so that nobody ever sees half a file: a temporary file beside the target, then a rename."""
 
 import os
-import shutil
-import uuid
+import stat
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
-from swardmap.errors import InputError, OutputError
+from swardmap.errors import InputError, OutputError, one_line, shortened
+from swardmap.io.staging import lock, name_beside
 
 LFS_POINTER = b"version https://git-lfs.github.com/spec/"
-MARKER = ".swardmap"
-"""File that says of a folder: swardmap made it, and may replace it."""
+MAX_BYTES = 2**31
+"""Of a file that is read as a whole, where its reader knows no smaller limit."""
 
 
 @contextmanager
@@ -31,19 +31,20 @@ def atomic_write(path: str | Path, durable: bool = True) -> Iterator[BinaryIO]:
         OutputError: if it cannot be written (permission, full disk, ...); an earlier file stays as it was.
     """
     path = Path(path)
-    temporary = _beside(path)
+    temporary = name_beside(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with temporary.open("xb") as file:
+            lock(file.fileno())
             yield file
             file.flush()
             if durable:
                 os.fsync(file.fileno())
-        temporary.replace(path)
+            temporary.replace(path)  # while it is ours
         if durable:
             _sync_folder(path.parent)
     except OSError as error:
-        raise _output_error(path, error) from error
+        raise output_error(path, error) from error
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
@@ -73,7 +74,7 @@ def write_together(contents: Mapping[Path, bytes]) -> None:
         OutputError: if one cannot be written; then earlier files stay as they were.
     """
     *_, head = contents
-    staged = {path: _beside(path) for path in contents}
+    staged = {path: name_beside(path) for path in contents}
     path = head
     try:
         for path, temporary in staged.items():
@@ -90,44 +91,11 @@ def write_together(contents: Mapping[Path, bytes]) -> None:
             temporary.replace(path)
         _sync_folder(head.parent)
     except OSError as error:
-        raise _output_error(path, error) from error
+        raise output_error(path, error) from error
     finally:
         for temporary in staged.values():
             with suppress(OSError):
                 temporary.unlink(missing_ok=True)
-
-
-@contextmanager
-def new_output_folder(path: str | Path, overwrite: bool = False) -> Iterator[Path]:
-    """A folder that appears under its name, complete, when the block ends without an error.
-
-    Write into the folder that is yielded, not into `path`. After an error it is removed and `path` is
-    what it was. A run that shall keep what it finished on Ctrl-C catches KeyboardInterrupt inside the block.
-
-    Args:
-        path: where the folder shall be; it may exist if it is empty.
-        overwrite: replace a folder that swardmap made (it holds the file `.swardmap`); nothing else.
-
-    Raises:
-        OutputError: if `path` is in use, is not one of ours, or cannot be written.
-    """
-    target = Path(path).resolve()
-    _refuse_occupied(target, overwrite)
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        staging = _beside(target, within=_must_stay(target))
-        staging.mkdir()
-    except OSError as error:
-        raise _output_error(target, error) from error
-    try:
-        write_text(staging / MARKER, "Made by swardmap. --overwrite may replace this folder.\n")
-        yield staging
-        try:
-            _publish(staging, target, overwrite)
-        except OSError as error:
-            raise _output_error(target, error) from error
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
 
 
 def refuse_to_replace(source: str | Path, out: str | Path) -> None:
@@ -136,8 +104,11 @@ def refuse_to_replace(source: str | Path, out: str | Path) -> None:
     Raises:
         OutputError: if `out` is `source`, or a folder around it that is in use.
     """
-    target = Path(out).resolve()
-    if target in (Path(source).resolve(), *Path(source).resolve().parents) and target.is_dir():
+    try:
+        target, recording = Path(out).resolve(), Path(source).resolve()
+    except (OSError, RuntimeError, ValueError) as error:  # RuntimeError: a loop of links
+        raise OutputError(f"cannot write {shortened(out)}: {one_line(error)}") from error
+    if target in (recording, *recording.parents) and target.is_dir():
         raise OutputError(
             f"{target} holds the recording itself ({source}): choose another folder for the results"
         )
@@ -155,84 +126,30 @@ def inside(folder: Path, name: str) -> Path:
     return folder.joinpath(*parts)
 
 
-def read_bytes(path: str | Path, limit: int | None = None) -> bytes:
-    """Content of a file.
+def read_bytes(path: str | Path, limit: int = MAX_BYTES) -> bytes:
+    """Content of a regular file: no device, which may have no end, and no pipe, which may have no beginning.
 
     Raises:
         InputError: if it cannot be read, or is larger than `limit` bytes.
     """
     try:
-        size = Path(path).stat().st_size
-        if limit is not None and size > limit:
-            raise InputError(f"{path}: expected at most {limit} bytes, got {size}")
-        content = Path(path).read_bytes()
+        about = Path(path).stat()
+        if not stat.S_ISREG(about.st_mode):
+            raise InputError(f"cannot read {path}: expected a regular file, got a folder, device or pipe")
+        if about.st_size > limit:
+            raise InputError(f"{path}: expected at most {limit} bytes, got {about.st_size}")
+        with Path(path).open("rb") as file:
+            content = file.read(limit + 1)
     except (OSError, ValueError) as error:  # ValueError: a null byte in the name
-        reason = getattr(error, "strerror", None) or error
-        raise InputError(f"cannot read {path}: {reason}") from error
+        reason = getattr(error, "strerror", None) or one_line(error)
+        raise InputError(
+            f"cannot read {shortened(path) if chr(0) in str(path) else path}: {reason}"
+        ) from error
+    if len(content) > limit:  # it grew meanwhile, or does not tell its size
+        raise InputError(f"{path}: expected at most {limit} bytes, got more")
     if content.startswith(LFS_POINTER):
         raise InputError(f"{path}: only a pointer of Git LFS is there, not the file: run 'git lfs pull'")
     return content
-
-
-def _beside(path: Path, within: bool = False) -> Path:
-    """A name that nobody else uses, on the same file system."""
-    folder = path if within else path.parent
-    return folder / f".{path.name}.{uuid.uuid4().hex[:12]}.part"
-
-
-def _must_stay(target: Path) -> bool:
-    """Whether a folder cannot be renamed, so that its content must be exchanged: a mounted volume."""
-    return target.is_dir() and (target.is_mount() or not os.access(target.parent, os.W_OK))
-
-
-def _refuse_occupied(target: Path, overwrite: bool) -> None:
-    try:
-        if not target.exists():
-            return
-        if not target.is_dir():
-            raise OutputError(f"expected a folder to write into, but {target} is a file")
-        names = [entry.name for entry in target.iterdir()]
-    except OSError as error:
-        raise _output_error(target, error) from error
-    if not names:
-        return
-    if not overwrite:
-        raise OutputError(f"{target} exists and is not empty: choose another folder, or pass --overwrite")
-    if MARKER not in names:
-        raise OutputError(
-            f"{target} was not made by swardmap (it has no {MARKER} file), so --overwrite does not touch it: "
-            "choose another folder, or empty it yourself"
-        )
-
-
-def _publish(staging: Path, target: Path, overwrite: bool) -> None:
-    if staging.parent == target:
-        _exchange_content(staging, target)
-    elif overwrite and target.exists():
-        old = _beside(target)
-        target.rename(old)
-        try:
-            staging.rename(target)
-        except OSError:
-            old.rename(target)
-            raise
-        shutil.rmtree(old, ignore_errors=True)
-    else:
-        staging.rename(
-            target
-        )  # fails if another run has filled the folder meanwhile; an empty one may be there
-
-
-def _exchange_content(staging: Path, target: Path) -> None:
-    """Replace what a mounted folder holds: old entries go aside, new ones come in, the old are deleted."""
-    old = _beside(target, within=True)
-    entries = [entry for entry in target.iterdir() if entry != staging]
-    old.mkdir()
-    for entry in entries:
-        entry.rename(old / entry.name)
-    for entry in list(staging.iterdir()):
-        entry.rename(target / entry.name)
-    shutil.rmtree(old, ignore_errors=True)
 
 
 def _sync_folder(folder: Path) -> None:
@@ -245,5 +162,6 @@ def _sync_folder(folder: Path) -> None:
             os.close(descriptor)
 
 
-def _output_error(path: Path, error: OSError) -> OutputError:
+def output_error(path: Path, error: OSError) -> OutputError:
+    """One line of why a file or folder cannot be written."""
     return OutputError(f"cannot write {path}: {error.strerror or error}")

@@ -8,12 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swardmap.errors import InputError
+from swardmap.io.door import parse_npy, reading
 from swardmap.io.files import read_bytes
+from swardmap.io.image_headers import check_image
 
 MAX_FILE_BYTES = 512 * 2**20
-MAX_PIXELS = 100_000_000
-PNG_START, PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
-JPEG_START, JPEG_END = b"\xff\xd8\xff", b"\xff\xd9"
 TIFF_STARTS = {b"II*\0": "<", b"MM\0*": ">"}
 """Byte orders of TIFF by its first bytes."""
 TIFF_EXTENTS = (273, 279, 324, 325)
@@ -40,7 +39,8 @@ def read_depth(path: Path) -> DepthImage:
     Raises:
         InputError: if it is missing, truncated, or of another kind.
     """
-    depth = _read_npy(path) if path.suffix == ".npy" else decode(read_bytes(path, MAX_FILE_BYTES), str(path))
+    content = read_bytes(path, MAX_FILE_BYTES)
+    depth = parse_npy(content, path) if path.suffix == ".npy" else decode(content, str(path))
     return depth_of(depth, str(path))
 
 
@@ -74,36 +74,28 @@ def depth_of(image: NDArray[Any], name: str) -> DepthImage:
     return np.ascontiguousarray(image)
 
 
-def decode(content: bytes, name: str) -> NDArray[Any]:
+def decode(content: bytes, name: str, flags: int | None = None) -> NDArray[Any]:
     """Decode an image file as it is: (H, W) or (H, W, 3 or 4) in OpenCV's order, 8 or 16 bits.
 
-    OpenCV hands out the upper part of a truncated PNG or JPEG without a word; here that is an error.
+    Args:
+        content: of the file or message.
+        name: for messages.
+        flags: of cv2.imdecode; None = as the file is, and as it lies, however a camera was held.
 
     Raises:
-        InputError: if it is truncated, too large, or no image.
+        InputError: if it is truncated, damaged, too large, or no image of a known format.
     """
     import cv2
 
-    if content.startswith(PNG_START):
-        width, height = (int.from_bytes(content[i : i + 4]) for i in (16, 20))
-        _check_pixels(width, height, name)
-        whole = PNG_END in content[-64:]
-    elif content.startswith(JPEG_START):
-        whole = JPEG_END in content[-256:]  # some cameras pad behind the end
-    elif content[:4] in TIFF_STARTS:
-        whole = _tiff_is_whole(content)
-    else:
-        whole = len(content) > 0
-    if not whole:
+    check_image(content, name)
+    if content[:4] in TIFF_STARTS and not _tiff_is_whole(content):
         raise InputError(f"{name}: the image is truncated ({len(content)} bytes and no end); copy it again")
-    try:
+    if flags is None:
         flags = cv2.IMREAD_UNCHANGED | getattr(cv2, "IMREAD_IGNORE_ORIENTATION", 0)
+    with reading(name, "an image"):
         image = cv2.imdecode(np.frombuffer(content, np.uint8), flags)
-    except cv2.error as error:
-        raise InputError(f"{name}: cannot be decoded as an image ({_last_line(error)})") from error
     if image is None:
         raise InputError(f"{name}: cannot be decoded as an image ({len(content)} bytes)")
-    _check_pixels(image.shape[1], image.shape[0], name)
     return np.asarray(image)
 
 
@@ -148,31 +140,5 @@ def encode_jpeg(rgb: NDArray[np.uint8], quality: int = 95) -> bytes:
     return bytes(encoded)
 
 
-def _read_npy(path: Path) -> NDArray[Any]:
-    try:
-        return np.asarray(np.load(path, allow_pickle=False, mmap_mode="r"))
-    except (
-        OSError,
-        ValueError,
-        EOFError,
-        SyntaxError,
-        TypeError,
-        KeyError,
-        OverflowError,
-        MemoryError,
-    ) as error:
-        raise InputError(f"{path}: expected a NumPy array file, got: {_last_line(error)}") from error
-
-
-def _check_pixels(width: int, height: int, name: str) -> None:
-    if not 0 < width * height <= MAX_PIXELS:
-        raise InputError(f"{name}: expected an image of at most {MAX_PIXELS} pixels, got {width} x {height}")
-
-
 def _kind(image: NDArray[Any]) -> str:
     return f"{image.dtype} of shape {image.shape}"
-
-
-def _last_line(error: Exception) -> str:
-    lines = str(error).strip().splitlines()
-    return lines[-1] if lines else type(error).__name__

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swardmap.errors import InputError
+from swardmap.io.door import reading
 
 MICROSOFT_NAN = re.compile(rb"[-+]?\d\.#(?:INF|IND|QNAN|SNAN)\d*")
 
@@ -40,13 +41,10 @@ def parse_table(body: bytes, rows: int, columns: int, name: str, skip: int = 0) 
     """
     if rows == 0:
         return np.empty((0, columns))
-    try:
+    with reading(name, f"rows of {columns} numbers"), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # about no data: said better below
         text = io.StringIO(MICROSOFT_NAN.sub(b"nan", body).decode("ascii"))
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # about no data: said better below
-            table = np.loadtxt(text, np.float64, comments=None, ndmin=2, skiprows=skip, max_rows=rows)
-    except (ValueError, UnicodeDecodeError) as error:
-        raise InputError(f"{name}: expected rows of {columns} numbers: {error}") from error
+        table = np.loadtxt(text, np.float64, comments=None, ndmin=2, skiprows=skip, max_rows=rows)
     if table.shape != (rows, columns):
         raise InputError(f"{name}: expected {rows} rows of {columns} numbers, got {table.shape}")
     return table

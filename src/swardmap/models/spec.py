@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from swardmap.errors import InvalidValueError, ModelError
+from swardmap.errors import InvalidValueError, ModelError, one_line
 from swardmap.labels import LabelClass, LabelSet
 
 METADATA_KEY = "swardmap"
@@ -113,8 +113,12 @@ class NetworkSpec:
             for key in ("mean", "std"):
                 tree[key] = tuple(float(v) for v in tree[key])
             return cls(**tree)
-        except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-            raise ModelError(f"{where}: its swardmap metadata does not hold together: {error!r}") from error
+        except ModelError:
+            raise
+        except Exception as error:
+            raise ModelError(
+                f"{where}: its swardmap metadata does not hold together: {one_line(error)}"
+            ) from error
 
 
 def _label_class(tree: Mapping[str, Any]) -> LabelClass:

@@ -10,7 +10,7 @@ NS = 1_000_000_000
 MAX_ARRIVALS = 16384
 
 
-class CameraWatch:
+class CameraMonitor:
     """What is remembered of one camera.
 
     Args:
@@ -36,7 +36,7 @@ class CameraWatch:
                 self._jumped_ns[Fault.JUMPED_BACK], fit = stats.arrival_ns, False
             elif ahead_ns > in_ns(self._config.jump_s):
                 self._jumped_ns[Fault.JUMPED_AHEAD], fit = stats.arrival_ns, False
-        for fault, bad in self._looks(stats, last).items():
+        for fault, bad in image_faults(stats, last, self._config).items():
             if not bad:
                 self._since_ns.pop(fault, None)
             elif fault == Fault.FROZEN and last is not None:
@@ -55,21 +55,6 @@ class CameraWatch:
     @property
     def _span_s(self) -> float:
         return self._config.rate_window_s + self._config.rate_reference_s
-
-    def _looks(self, stats: FrameStats, last: FrameStats | None) -> dict[Fault, bool]:
-        """Faults of the image itself; what is black or without depth is named so, not frozen."""
-        config = self._config
-        black, blind = stats.bright_level < config.black_level, stats.depth_share < config.min_depth_share
-        same = last is not None and (
-            (not black and stats.color_print == last.color_print)
-            or (not blind and stats.depth_print == last.depth_print)
-        )
-        return {
-            Fault.BLACK: black,
-            Fault.NO_DEPTH: blind,
-            Fault.FLIPPED: stats.upside_down is True,
-            Fault.FROZEN: same and config.frozen_s is not None,
-        }
 
     def set_active(self, active: bool, now_ns: int) -> None:
         """Say whether the camera is to be running; what it did while it was not is not held against it."""
@@ -141,3 +126,24 @@ class CameraWatch:
         before_hz = before * NS / (now_ns - window_ns - start_ns)
         if rate < config.falling_share * before_hz:
             yield Fault.FALLING_RATE, f"{rate:.1f} frames/s, {before_hz:.1f} before"
+
+
+def image_faults(stats: FrameStats, last: FrameStats | None, config: WatchdogConfig) -> dict[Fault, bool]:
+    """Faults of an image itself; what is black or without depth is named so, not frozen.
+
+    Args:
+        stats: of the frame.
+        last: of the frame before it; None = there is none.
+        config: thresholds.
+    """
+    black, blind = stats.bright_level < config.black_level, stats.depth_share < config.min_depth_share
+    same = last is not None and (
+        (not black and stats.color_print == last.color_print)
+        or (not blind and stats.depth_print == last.depth_print)
+    )
+    return {
+        Fault.BLACK: black,
+        Fault.NO_DEPTH: blind,
+        Fault.FLIPPED: stats.upside_down is True,
+        Fault.FROZEN: same and config.frozen_s is not None,
+    }

@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterable
 
 from swardmap.config import WatchdogConfig
 from swardmap.errors import InvalidValueError
-from swardmap.monitor.camera_monitor import CameraWatch
+from swardmap.monitor.camera_monitor import CameraMonitor
 from swardmap.monitor.diagnostics import Diagnosis, Fault, FrameStats, HealthReport, Latency, Severity, in_ns
 
 NS = 1_000_000_000
@@ -28,7 +28,7 @@ class Watchdog:
 
     def __init__(self, cameras: Collection[str], config: WatchdogConfig | None = None) -> None:
         self._config = config or WatchdogConfig()
-        self._cameras = {name: CameraWatch(name, self._config) for name in cameras}
+        self._cameras = {name: CameraMonitor(name, self._config) for name in cameras}
         self._pose_ns: int | None = None
         self._full_since_ns: dict[str, int | None] = {}
         self._latencies: deque[tuple[int, int]] = deque(maxlen=MAX_LATENCIES)
@@ -105,7 +105,7 @@ class Watchdog:
         forget_ns = None if age_s is None else now_ns - in_ns(age_s)
         return HealthReport(now_ns, diagnoses, stop, forget_ns, rates, self._latency(now_ns))
 
-    def _camera(self, name: str) -> CameraWatch:
+    def _camera(self, name: str) -> CameraMonitor:
         if name not in self._cameras:
             raise InvalidValueError(
                 f"watchdog: no camera '{name}'; it watches {', '.join(self._cameras) or 'none'}"

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from swardmap.config import MountConfig
+from swardmap.config.bounded_yaml import parse_yaml
 from swardmap.config.settings import Checked, build, setting
 from swardmap.errors import ConfigError, InvalidValueError
 from swardmap.geometry import Intrinsics, Pose, mount_pose
@@ -161,14 +162,12 @@ def read_rig(path: str | Path) -> Rig:
     Raises:
         ConfigError: if it cannot be read, an unknown key or wrong value is in it, or it contradicts itself.
     """
-    import yaml
-
     try:
         data = Path(path).read_bytes()
         if len(data) > MAX_FILE_BYTES:
             raise ValueError(f"expected at most {MAX_FILE_BYTES} bytes, got {len(data)}")
-        tree = yaml.safe_load(data)
-    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
+        tree = parse_yaml(data, f"cannot read the rig {path}")
+    except (OSError, ValueError) as error:
         raise ConfigError(f"cannot read the rig {path}: {' '.join(str(error).split())}") from error
     try:
         return rig_from_dict(tree)

@@ -1,4 +1,5 @@
 """The ROS 2 node: a thin shell around `swardmap.pipeline`.
 
-`messages`, `parameters`, `inputs`, `queue` and `engine` need no ROS; `topics` and `node` import rclpy late.
+`messages`, `parameters`, `inputs`, `frame_queue` and `watched_mapper` need no ROS; `topics` and `node` import
+rclpy late.
 """

@@ -5,7 +5,7 @@ from typing import Any
 
 from swardmap.errors import ConfigError
 from swardmap.geometry import Pose
-from swardmap.io.bags.tf import ALWAYS_NS
+from swardmap.io.bags.tf_edge import ALWAYS_NS
 from swardmap.pipeline import configured_mount
 from swardmap.rig.rig import Rig
 from swardmap.ros.inputs import CameraPair

@@ -55,7 +55,7 @@ class Command:
 
 
 @dataclass
-class Known:
+class GateInputs:
     """What has been heard, and when (seconds of a clock that never goes back); None = nothing yet.
 
     Attributes:
@@ -73,12 +73,12 @@ class Known:
     pose_s: float = -math.inf
 
 
-def refusal(command: Command, known: Known, now_s: float, config: GateConfig) -> str:
+def refusal(command: Command, inputs: GateInputs, now_s: float, config: GateConfig) -> str:
     """Why the robot must not do what it is told; empty if it may.
 
     Args:
         command: forward and turning speed.
-        known: what has been heard.
+        inputs: what has been heard.
         now_s: of the same clock.
         config: limits.
     """
@@ -86,15 +86,15 @@ def refusal(command: Command, known: Known, now_s: float, config: GateConfig) ->
         return ""
     if not (math.isfinite(command.forward_mps) and math.isfinite(command.turn_rps)):
         return "the command is not a number"
-    if known.stop is None or now_s - known.flag_s > config.flag_timeout_s:
+    if inputs.stop is None or now_s - inputs.flag_s > config.flag_timeout_s:
         return "no stop flag is heard"
-    if known.stop:
+    if inputs.stop:
         return "the stop flag is set"
-    if now_s - known.cells_s > config.map_timeout_s:
+    if now_s - inputs.cells_s > config.map_timeout_s:
         return "no map is heard"
-    if known.T_map_base is None or now_s - known.pose_s > config.pose_timeout_s:
+    if inputs.T_map_base is None or now_s - inputs.pose_s > config.pose_timeout_s:
         return "no pose is heard"
-    distance_m = nearest_in_zone_m(known.cells_m, known.T_map_base, command, config)
+    distance_m = nearest_in_zone_m(inputs.cells_m, inputs.T_map_base, command, config)
     return "" if distance_m is None else f"an obstacle is {distance_m:.2f} m from the base"
 
 

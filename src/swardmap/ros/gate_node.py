@@ -14,7 +14,7 @@ import numpy as np
 from swardmap.config.settings import build
 from swardmap.errors import ConfigError, SwardmapError
 from swardmap.io.bags.ros_messages import pose_from_odometry
-from swardmap.ros.gate import Command, GateConfig, Known, refusal
+from swardmap.ros.gate import Command, GateConfig, GateInputs, refusal
 from swardmap.ros.subscription import AUTO, FOLLOW_S, Subscription
 from swardmap.ros.topics import rclpy_module
 
@@ -40,7 +40,7 @@ class GateNode:
         values = {f.name: self.node.declare_parameter(f.name, f.default).value for f in fields}
         self.config: GateConfig = build(GateConfig, values)
         self.stamped = bool(self.node.declare_parameter("stamped", False).value)
-        self.known, self.frames = Known(), {"map": "", "pose": ""}
+        self.inputs, self.frames = GateInputs(), {"map": "", "pose": ""}
         self.command, self.reason = Command(0.0, 0.0), ""
         self._twist, self._string = TwistStamped if self.stamped else Twist, String
         self._out = self.node.create_publisher(self._twist, "cmd_vel", 1)
@@ -67,16 +67,16 @@ class GateNode:
 
     def on_flag(self, message: Any) -> None:
         """Take the stop flag."""
-        self.known.stop, self.known.flag_s = bool(message.data), time.monotonic()
+        self.inputs.stop, self.inputs.flag_s = bool(message.data), time.monotonic()
 
     def on_odometry(self, message: Any) -> None:
         """Take the robot's pose."""
-        self.known.T_map_base, self.known.pose_s = pose_from_odometry(message), time.monotonic()
+        self.inputs.T_map_base, self.inputs.pose_s = pose_from_odometry(message), time.monotonic()
         self.frames["pose"] = message.header.frame_id.strip("/")
 
     def on_cells(self, message: Any) -> None:
         """Take the obstacles of the map."""
-        self.known.cells_m, self.known.cells_s = cell_centres_m(message), time.monotonic()
+        self.inputs.cells_m, self.inputs.cells_s = cell_centres_m(message), time.monotonic()
         self.frames["map"] = message.header.frame_id.strip("/")
 
     def hold(self) -> None:
@@ -88,7 +88,7 @@ class GateNode:
             self._out.publish(message)
 
     def _refusal(self) -> str:
-        reason = refusal(self.command, self.known, time.monotonic(), self.config)
+        reason = refusal(self.command, self.inputs, time.monotonic(), self.config)
         if not reason and self.command.moves and self.frames["map"] != self.frames["pose"]:
             return f"the map is in the frame '{self.frames['map']}', the pose in '{self.frames['pose']}'"
         return reason

@@ -113,7 +113,7 @@ class LivePairer:
         color, depth = self._newest.get(COLOR), self._newest.get(DEPTH)
         if color and depth and color[0] == depth[0] and (self._given_ns is None or stamp > self._given_ns):
             self._given_ns = stamp
-            yield Pair(stamp, color[1], depth[1])
+            yield Pair(stamp, color[1], depth[1], stamp)
 
 
 @dataclass(frozen=True, slots=True)

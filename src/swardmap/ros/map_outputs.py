@@ -1,10 +1,11 @@
 """What is made of the map beside map and costmap; each is computed only while somebody listens."""
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 from swardmap.geometry import Pose
-from swardmap.grid import OccupancyGrid
+from swardmap.grid import GridSpec, OccupancyGrid
 from swardmap.io.bags.ros_fields import occupancy_grid_fields
 from swardmap.mapping.work_area import WorkArea
 from swardmap.ros.layers import Values, class_values, keepout_mask, speed_mask
@@ -13,8 +14,11 @@ from swardmap.ros.parameters import NodeConfig
 from swardmap.ros.persons import persons_fields, persons_in, persons_json
 from swardmap.ros.topics import Types, latched_qos
 
+Layer = Callable[[GridSpec], Values | None]
+"""Values on the cells of a grid; None where the map has none."""
+
 GRID = "nav_msgs/msg/OccupancyGrid"
-GRIDS = ("layers/classes", "layers/evidence", "masks/keepout", "masks/speed")
+GRIDS = ("layers/classes", "layers/evidence", "layers/height", "masks/keepout", "masks/speed")
 PERSONS, PERSONS_JSON = "persons", "persons_json"
 
 OF_MAP: Mapping[str, str] = {
@@ -51,19 +55,19 @@ class MapOutputs:
             self._node.destroy_publisher(publisher)
 
     def publish(
-        self, grid: OccupancyGrid, evidence: Values | None, T_map_base: Pose | None, node: NodeConfig
+        self, grid: OccupancyGrid, layers: Mapping[str, Layer], T_map_base: Pose | None, node: NodeConfig
     ) -> None:
         """Send what somebody listens to.
 
         Args:
             grid: the map that is given out.
-            evidence: of `layers.evidence_values` on its cells; None where the map has none.
+            layers: what else the map holds, by topic; asked only while somebody listens.
             T_map_base: pose of the robot, or None.
             node: size and speed of the zone around persons.
         """
         made: dict[str, Callable[[], Values | None]] = {
             "layers/classes": lambda: class_values(grid),
-            "layers/evidence": lambda: evidence,
+            **{name: partial(layer, grid.spec) for name, layer in layers.items()},
             "masks/keepout": lambda: keepout_mask(grid.spec, self._area),
             "masks/speed": lambda: speed_mask(grid, node.speed_zone_m, node.speed_zone_percent),
         }

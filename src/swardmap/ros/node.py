@@ -1,4 +1,4 @@
-"""The ROS 2 node: a lifecycle shell that wires topics, services and two threads to a `Session`."""
+"""The ROS 2 node: a lifecycle shell that wires topics, services and two threads to a `LivePipeline`."""
 
 import threading
 import time
@@ -14,11 +14,11 @@ from swardmap.monitor.diagnostics import Severity
 from swardmap.ros.bond import Bond
 from swardmap.ros.inputs import is_compressed
 from swardmap.ros.lifecycle import refuse_wrong_transitions
-from swardmap.ros.map_outputs import MapOutputs
+from swardmap.ros.live_pipeline import LivePipeline
+from swardmap.ros.map_outputs import Layer, MapOutputs
 from swardmap.ros.outputs import Outputs
 from swardmap.ros.parameters import Declaration, Parameters, changed, declarations, parameters_from
 from swardmap.ros.services import serve
-from swardmap.ros.session import Session
 from swardmap.ros.subscription import AUTO, FOLLOW_S, Subscription
 from swardmap.ros.topics import BEST_EFFORT, find_types, image_qos, latched_qos
 from swardmap.ros.warm_up import warm_up
@@ -49,7 +49,7 @@ class RobotNode:
         self.node = LifecycleNode(name)
         refuse_wrong_transitions(self.node)
         self.parameters = defaults or Parameters()
-        self.session: Session | None = None
+        self.pipeline: LivePipeline | None = None
         self._types = find_types()
         self._active = threading.Event()
         self._outputs: Outputs | None = None
@@ -92,7 +92,7 @@ class RobotNode:
         def on_set(wanted: list[Any]) -> Any:
             values = {p.name: p.value for p in wanted if p.name in known}
             try:
-                self._take(changed(self.parameters, values, self.session is not None))
+                self._take(changed(self.parameters, values, self.pipeline is not None))
             except SwardmapError as error:
                 return SetParametersResult(successful=False, reason=str(error))
             return SetParametersResult(successful=True)
@@ -113,9 +113,9 @@ class RobotNode:
 
     def _take(self, parameters: Parameters) -> None:
         self.parameters = parameters
-        if self.session is not None:
-            self.session.parameters = parameters
-            self.session.engine.configure(parameters.config)
+        if self.pipeline is not None:
+            self.pipeline.parameters = parameters
+            self.pipeline.mapper.configure(parameters.config)
 
     def _managed(self) -> Any:
         """What rclpy's lifecycle calls on each transition."""
@@ -153,21 +153,21 @@ class RobotNode:
         node = self.parameters.node
         rig = None if node.rig_file is None else read_rig(node.rig_file)
         segmenter = build_segmenter(self.parameters.config.segmenter)
-        session = Session(self.parameters, segmenter, rig)
+        pipeline = LivePipeline(self.parameters, segmenter, rig)
         began = time.monotonic()
-        warm_up(session.engine.config, segmenter)
+        warm_up(pipeline.mapper.config, segmenter)
         self.log.info(f"{segmenter.name} is ready after {time.monotonic() - began:.1f} s; waiting for images")
-        of_map = MapOutputs(self.node, self._types, session.engine.area)
+        of_map = MapOutputs(self.node, self._types, pipeline.mapper.area)
         label_set, depth = segmenter.label_set, node.image_depth
-        self._outputs = Outputs(self.node, self._types, session.inputs, label_set, depth, of_map)
-        self.session = session
+        self._outputs = Outputs(self.node, self._types, pipeline.inputs, label_set, depth, of_map)
+        self.pipeline = pipeline
         try:
-            self._subscribe(session)
+            self._subscribe(pipeline)
         except BaseException:
             self._cleanup()
             raise
-        self._serve(session)
-        self.log.info(f"cameras: {', '.join(session.inputs)}; segmenter: {segmenter.name}")
+        self._serve(pipeline)
+        self.log.info(f"cameras: {', '.join(pipeline.inputs)}; segmenter: {segmenter.name}")
 
     def _take_margin(self) -> None:
         """The measured margin, in place of what the parameters say; they tell it from then on."""
@@ -187,8 +187,8 @@ class RobotNode:
         self.log.info(f"margin {margin.margin_m:g} m, around persons {person_m:g} m, of {file}")
 
     def _activate(self) -> None:
-        assert self.session is not None  # noqa: S101 - it is made when the node is configured
-        self.session.begin()
+        assert self.pipeline is not None  # noqa: S101 - it is made when the node is configured
+        self.pipeline.begin()
         self._active.set()
         if self._types["bond"] is not None:
             self._bond = Bond(self.node, self._types["bond"])
@@ -207,15 +207,15 @@ class RobotNode:
         for thread in self._threads:
             thread.join(timeout=2.0)
         self._threads.clear()
-        session, outputs = self.session, self._outputs
-        if session is None or outputs is None:
+        pipeline, outputs = self.pipeline, self._outputs
+        if pipeline is None or outputs is None:
             return
-        session.fail("the node is not active")
+        pipeline.fail("the node is not active")
         self._check()
-        self._publish_map(session, outputs, nothing_free=True)
+        self._publish_map(pipeline, outputs, nothing_free=True)
         outputs.wait_until_heard(LAST_WORD_S)
-        session.failure = ""
-        session.clear()
+        pipeline.failure = ""
+        pipeline.clear()
 
     def _cleanup(self) -> None:
         for destroy in self._held:
@@ -224,17 +224,17 @@ class RobotNode:
         self._followed.clear()
         if self._outputs is not None:
             self._outputs.destroy()
-        self.session = self._outputs = None
+        self.pipeline = self._outputs = None
 
     def _shutdown(self) -> None:
         self._deactivate()
         self._cleanup()
 
-    def _subscribe(self, session: Session) -> None:
+    def _subscribe(self, pipeline: LivePipeline) -> None:
         from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
         node = self.parameters.node
-        for name, camera in session.inputs.items():
+        for name, camera in pipeline.inputs.items():
             topics = camera.topics
             for kind, topic, info in (
                 (COLOR, topics.color, topics.color_info),
@@ -246,20 +246,20 @@ class RobotNode:
                     Subscription(self.node, cls, topic, heard, node.image_reliability, node.image_depth)
                 )
                 self._listen(
-                    CameraInfo, info, partial(session.on_info, name, kind), image_qos(BEST_EFFORT, 2)
+                    CameraInfo, info, partial(pipeline.on_info, name, kind), image_qos(BEST_EFFORT, 2)
                 )
-        self._subscribe_poses(session)
+        self._subscribe_poses(pipeline)
 
-    def _subscribe_poses(self, session: Session) -> None:
+    def _subscribe_poses(self, pipeline: LivePipeline) -> None:
         from nav_msgs.msg import Odometry
 
-        if not session.poses.posed:
+        if not pipeline.poses.posed:
             return
         tf = self._types["tf"]
-        if session.poses.from_odometry:
+        if pipeline.poses.from_odometry:
             topic = self.parameters.config.source.odometry_topic
             assert topic is not None  # noqa: S101 - poses are from odometry only where a topic is set
-            heard = partial(self._on_odometry, session)
+            heard = partial(self._on_odometry, pipeline)
             self._follow(Subscription(self.node, Odometry, topic, heard, AUTO, 50))
         elif tf is None:
             raise ConfigError(
@@ -267,9 +267,11 @@ class RobotNode:
                 "ros-<distribution>-tf2-msgs"
             )
         else:
-            self._listen(tf, "/tf", lambda m: session.on_tf(m, False, self._now_ns()), 100)
+            self._listen(tf, "/tf", lambda m: pipeline.on_tf(m, False, self._now_ns()), 100)
         if tf is not None:
-            self._listen(tf, "/tf_static", lambda m: session.on_tf(m, True, self._now_ns()), latched_qos(100))
+            self._listen(
+                tf, "/tf_static", lambda m: pipeline.on_tf(m, True, self._now_ns()), latched_qos(100)
+            )
 
     def _follow(self, subscription: Subscription) -> None:
         self._followed.append(subscription)
@@ -279,7 +281,7 @@ class RobotNode:
         subscription = self.node.create_subscription(cls, topic, callback, qos)
         self._held.append(partial(self.node.destroy_subscription, subscription))
 
-    def _serve(self, session: Session) -> None:
+    def _serve(self, pipeline: LivePipeline) -> None:
         from rclpy.clock import Clock, ClockType
 
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # a simulation that pauses must not silence the flag
@@ -287,31 +289,31 @@ class RobotNode:
         follow = self.node.create_timer(FOLLOW_S, self._look_at_publishers, clock=steady)
         self._held += [partial(self.node.destroy_timer, t) for t in (timer, follow)]
         if self._types["services"] is not None:
-            self._held += serve(self.node, session)
+            self._held += serve(self.node, pipeline)
 
     def _on_image(self, camera: str, kind: str, message: Any) -> None:
-        if self.session is not None and self._active.is_set():
-            self.session.on_image(camera, kind, message, self._now_ns())
+        if self.pipeline is not None and self._active.is_set():
+            self.pipeline.on_image(camera, kind, message, self._now_ns())
 
-    def _on_odometry(self, session: Session, message: Any) -> None:
-        session.on_odometry(message, self._now_ns())
+    def _on_odometry(self, pipeline: LivePipeline, message: Any) -> None:
+        pipeline.on_odometry(message, self._now_ns())
 
     def _look_at_publishers(self) -> None:
         for subscription in self._followed:
             subscription.follow()
 
     def _check(self) -> None:
-        session, outputs = self.session, self._outputs
-        if session is None or outputs is None or not (self._active.is_set() or session.failure):
+        pipeline, outputs = self.pipeline, self._outputs
+        if pipeline is None or outputs is None or not (self._active.is_set() or pipeline.failure):
             return
-        report = session.check(self._now_ns())
-        self._log(session)
-        outputs.publish_health(report, session.facts)
+        report = pipeline.check(self._now_ns())
+        self._log(pipeline)
+        outputs.publish_health(report, pipeline.facts)
 
-    def _log(self, session: Session) -> None:
-        """What the session has to say; one line each."""
-        while session.events:
-            severity, text = session.events.popleft()
+    def _log(self, pipeline: LivePipeline) -> None:
+        """What the pipeline has to say; one line each."""
+        while pipeline.events:
+            severity, text = pipeline.events.popleft()
             if severity == Severity.STOP:  # rclpy allows a line of code one severity
                 self.log.error(text)
             elif severity == Severity.WARN:
@@ -325,39 +327,40 @@ class RobotNode:
             target()
         except Exception:  # noqa: BLE001 - a thread has nobody above it; it is logged, and the robot stops
             self.log.fatal(traceback.format_exc())
-            if self.session is not None:
-                self.session.fail(traceback.format_exc(limit=1).strip().splitlines()[-1])
+            if self.pipeline is not None:
+                self.pipeline.fail(traceback.format_exc(limit=1).strip().splitlines()[-1])
 
     def _map_frames(self) -> None:
-        session, outputs = self.session, self._outputs
-        while session is not None and outputs is not None and self._active.is_set():
-            mapped = session.process(WORKER_WAITS_S)
+        pipeline, outputs = self.pipeline, self._outputs
+        while pipeline is not None and outputs is not None and self._active.is_set():
+            mapped = pipeline.process(WORKER_WAITS_S)
             if mapped is not None:
-                session.mapped(mapped.pair, self._now_ns())
-                node = session.parameters.node
-                with session.stages.measured("publish"):
+                pipeline.mapped(mapped.pair, self._now_ns())
+                node = pipeline.parameters.node
+                with pipeline.stages.measured("publish"):
                     outputs.publish_frame(
-                        mapped, session.engine.config, node.cloud_stride, node.organised_cloud
+                        mapped, pipeline.mapper.config, node.cloud_stride, node.organised_cloud
                     )
 
     def _publish_maps(self) -> None:
-        session, outputs = self.session, self._outputs
-        while session is not None and outputs is not None and self._active.is_set():
-            with session.stages.measured("maps"):
-                self._publish_map(session, outputs)
-            time.sleep(1 / session.parameters.node.map_rate_hz)
+        pipeline, outputs = self.pipeline, self._outputs
+        while pipeline is not None and outputs is not None and self._active.is_set():
+            with pipeline.stages.measured("maps"):
+                self._publish_map(pipeline, outputs)
+            time.sleep(1 / pipeline.parameters.node.map_rate_hz)
 
-    def _publish_map(self, session: Session, outputs: Outputs, nothing_free: bool = False) -> None:
-        report = session.report
+    def _publish_map(self, pipeline: LivePipeline, outputs: Outputs, nothing_free: bool = False) -> None:
+        report = pipeline.report
         forget_ns = 2**62 if nothing_free else None if report is None else report.forget_before_ns
-        grid = session.given_out(forget_ns, nothing_free)
+        grid = pipeline.given_out(forget_ns, nothing_free)
         if grid is not None:
-            costmap = session.engine.costmap(grid)
-            node = session.parameters.node
+            costmap = pipeline.mapper.costmap(grid)
+            node = pipeline.parameters.node
             full_s = 0.0 if nothing_free else node.full_map_s  # who comes later is given the last whole one
             outputs.publish_map(grid, costmap, time.monotonic(), full_s)
-            session.load.published(grid.stamp_ns, self._now_ns())
-            around_m, range_m = session.engine.viewpoint_m, node.obstacle_cells_range_m
-            outputs.publish_cells(grid, around_m, range_m, session.robot_z_m)
-            evidence = session.engine.evidence(grid.spec) if outputs.of_map.heard("layers/evidence") else None
-            outputs.of_map.publish(grid, evidence, session.T_map_base, node)
+            pipeline.load.published(grid.stamp_ns, self._now_ns())
+            around_m, range_m = pipeline.mapper.viewpoint_m, node.obstacle_cells_range_m
+            outputs.publish_cells(grid, around_m, range_m, pipeline.robot_z_m)
+            heights = partial(pipeline.mapper.heights, base_z_m=pipeline.robot_z_m)
+            layers: dict[str, Layer] = {"layers/evidence": pipeline.mapper.evidence, "layers/height": heights}
+            outputs.of_map.publish(grid, layers, pipeline.T_map_base, node)

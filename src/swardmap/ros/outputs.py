@@ -23,9 +23,9 @@ from swardmap.ros.clouds import (
     obstacle_cells_fields,
     organised_cloud_fields,
 )
+from swardmap.ros.live_pipeline import Mapped
 from swardmap.ros.map_outputs import MapOutputs
 from swardmap.ros.messages import ros_message
-from swardmap.ros.session import Mapped
 from swardmap.ros.topics import Types, latched_qos
 
 LEVELS = {Severity.OK: messages.OK, Severity.WARN: messages.WARN, Severity.STOP: messages.ERROR}

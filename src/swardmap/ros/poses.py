@@ -1,14 +1,16 @@
 """Where the cameras were when their images were taken, from /tf and /tf_static or odometry as they come."""
 
+from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
 from swardmap.config import SourceConfig
 from swardmap.errors import InputError
 from swardmap.geometry import Pose
-from swardmap.io.bags.poses import add_message
 from swardmap.io.bags.ros_messages import stamp_ns, vectors
-from swardmap.io.bags.tf import ALWAYS_NS, TransformBuffer
+from swardmap.io.bags.tf import TransformBuffer
+from swardmap.io.bags.tf_edge import ALWAYS_NS
+from swardmap.io.bags.tf_messages import add_message
 
 MAP_FRAME = "map"
 """The frame of the map where nobody says another. A recording may fall back on odom, since all of its tree is
@@ -26,7 +28,7 @@ class LivePoses:
     """
 
     def __init__(self, config: SourceConfig) -> None:
-        self.refused: dict[str, int] = {}
+        self._errors: Counter[str] = Counter()
         self._buffer = TransformBuffer()
         self._static: dict[str, tuple[str, str, Sequence[float], Sequence[float]]] = {}
         self._map_frame = config.map_frame.strip("/") if config.map_frame else None
@@ -40,6 +42,11 @@ class LivePoses:
         return self._map_frame or MAP_FRAME
 
     @property
+    def refused(self) -> dict[str, int]:
+        """What is wrong with transforms that were left out, and how often; each is judged by itself."""
+        return dict(self._errors + self._buffer.faults)
+
+    @property
     def base_frame(self) -> str | None:
         """The frame that the odometry moves; None without odometry."""
         return self._base_frame
@@ -48,12 +55,12 @@ class LivePoses:
         """Take a nav_msgs/Odometry."""
         self._base_frame = message.child_frame_id.strip("/")
         self._map_frame = self._map_frame or message.header.frame_id.strip("/")
-        self._take(message)
+        add_message(self._buffer, message)
         self._forget(stamp_ns(message.header.stamp))
 
     def add_tf(self, message: Any) -> None:
         """Take a message of /tf."""
-        self._take(message)
+        add_message(self._buffer, message)
         self._forget(max((stamp_ns(t.header.stamp) for t in message.transforms), default=0))
 
     def add_tf_static(self, message: Any) -> None:
@@ -107,22 +114,14 @@ class LivePoses:
         return None if newest is None else self._buffer.lookup(parent, child, newest, ALWAYS_NS)
 
     def _add_static(self, parent: str, child: str, place: Sequence[float], turn: Sequence[float]) -> bool:
-        try:
-            self._buffer.add_static(parent, child, place, turn)
-        except InputError as error:
-            self._refuse(error)
+        if not self._buffer.add_static(parent, child, place, turn):
             return False
         self._static[child.strip("/")] = parent, child, place, turn
         return True
 
-    def _take(self, message: Any) -> None:
-        try:
-            add_message(self._buffer, message)
-        except InputError as error:
-            self._refuse(error)
-
     def _forget(self, newest_ns: int) -> None:
         if newest_ns < self._newest_ns - MEMORY_NS:  # the clock went back: what was to come is not true
+            self._errors += self._buffer.faults
             self._buffer = TransformBuffer()
             for transform in self._static.values():
                 self._buffer.add_static(*transform)
@@ -131,4 +130,4 @@ class LivePoses:
         self._buffer.forget_before(self._newest_ns - MEMORY_NS)
 
     def _refuse(self, error: InputError) -> None:
-        self.refused[str(error)] = self.refused.get(str(error), 0) + 1
+        self._errors[str(error)] += 1

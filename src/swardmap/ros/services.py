@@ -7,15 +7,15 @@ from pathlib import Path
 from typing import Any
 
 from swardmap.errors import SwardmapError
-from swardmap.ros.session import Session
+from swardmap.ros.live_pipeline import LivePipeline
 
 
-def serve(node: Any, session: Session) -> list[Callable[[], object]]:
+def serve(node: Any, pipeline: LivePipeline) -> list[Callable[[], object]]:
     """Create the services of a configured node, below its name.
 
     Args:
         node: of rclpy.
-        session: what they act on.
+        pipeline: what they act on.
 
     Returns:
         What takes each of them back.
@@ -23,33 +23,33 @@ def serve(node: Any, session: Session) -> list[Callable[[], object]]:
     from std_srvs.srv import SetBool, Trigger
 
     services = (
-        node.create_service(Trigger, "~/clear", partial(_clear, session)),
-        node.create_service(Trigger, "~/save", partial(_save, session)),
-        node.create_service(SetBool, "~/pause", partial(_pause, session)),
-        node.create_service(Trigger, "~/grant_start_area", partial(_grant, node, session)),
+        node.create_service(Trigger, "~/clear", partial(_clear, pipeline)),
+        node.create_service(Trigger, "~/save", partial(_save, pipeline)),
+        node.create_service(SetBool, "~/pause", partial(_pause, pipeline)),
+        node.create_service(Trigger, "~/grant_start_area", partial(_grant, node, pipeline)),
     )
     return [partial(node.destroy_service, service) for service in services]
 
 
-def _clear(session: Session, _: Any, response: Any) -> Any:
-    session.clear()
+def _clear(pipeline: LivePipeline, _: Any, response: Any) -> Any:
+    pipeline.clear()
     response.success, response.message = True, "the map is empty: all is unknown"
     return response
 
 
-def _grant(node: Any, session: Session, _: Any, response: Any) -> Any:
+def _grant(node: Any, pipeline: LivePipeline, _: Any, response: Any) -> Any:
     now_ns = int(node.get_clock().now().nanoseconds)
     try:
-        response.success, response.message = True, session.grant_start_area(now_ns)
+        response.success, response.message = True, pipeline.grant_start_area(now_ns)
     except SwardmapError as error:
         response.success, response.message = False, str(error)
     return response
 
 
-def _save(session: Session, _: Any, response: Any) -> Any:
-    folder = Path(session.parameters.node.save_folder) / datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%f")
+def _save(pipeline: LivePipeline, _: Any, response: Any) -> Any:
+    folder = Path(pipeline.parameters.node.save_folder) / datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%f")
     try:
-        session.engine.save(folder)
+        pipeline.mapper.save(folder)
     except SwardmapError as error:
         response.success, response.message = False, str(error)
     else:
@@ -57,8 +57,8 @@ def _save(session: Session, _: Any, response: Any) -> Any:
     return response
 
 
-def _pause(session: Session, request: Any, response: Any) -> Any:
-    session.paused = bool(request.data)
+def _pause(pipeline: LivePipeline, request: Any, response: Any) -> Any:
+    pipeline.paused = bool(request.data)
     response.success = True
     response.message = "paused: the stop flag is set" if request.data else "mapping"
     return response

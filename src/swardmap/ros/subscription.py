@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from swardmap.ros.distributions import subscription_events
 from swardmap.ros.topics import BEST_EFFORT, RELIABLE, image_qos
 
 AUTO = "auto"
@@ -81,10 +82,9 @@ class Subscription:
         self._node.destroy_subscription(self._subscription)
 
     def _subscribed(self) -> Any:
-        from rclpy.event_handler import SubscriptionEventCallbacks
-
         # rclpy would warn that nothing is heard of who offers less, which `follow` mends
-        events = SubscriptionEventCallbacks(incompatible_qos=_ignore) if self._follows else None
+        callbacks = subscription_events() if self._follows else None
+        events = None if callbacks is None else callbacks(incompatible_qos=_ignore)
         qos = image_qos(self.reliability, self._depth)
         return self._node.create_subscription(
             self._cls, self._topic, self._callback, qos, event_callbacks=events

@@ -56,7 +56,7 @@ class RunWriter:
         """Write what one frame gave."""
         output, name = self._config.output, _file_name(step, self._frames)
         self._frames += 1
-        self._album.add(step.frame, step.segmentation, step.frame.T_map_camera)
+        self._album.add(step.frame, step.segmentation, step.seen, step.T_map_camera)
         if output.clouds != "none":
             write_cloud(step.cloud(self._config), self._folder / "clouds" / f"{name}.{output.clouds}")
         if output.frame_maps or step.frame.T_map_camera is None:
@@ -81,7 +81,7 @@ class RunWriter:
         from swardmap.viz.pictures import costmap_picture, map_picture
 
         if log_odds is not None:
-            write_living(log_odds, self._folder / "living.npz")
+            write_living(log_odds, self._folder / "living.npz", self._config)
         if grid is not None and costmap is not None:
             write_map(grid, self._folder / "map.yaml")
             write_costmap(costmap, self._folder / "costmap.yaml")
@@ -112,8 +112,9 @@ class RunWriter:
 
 def typed_command() -> str | None:
     """The command line that is running, if it is one of swardmap."""
-    name = Path(sys.argv[0]).name if sys.argv else ""
-    return shlex.join(["swardmap", *sys.argv[1:]]) if name in ("swardmap", "__main__.py") else None
+    program = Path(sys.argv[0]) if sys.argv else Path()
+    ours = program.name == "swardmap" or program.parts[-2:] == ("swardmap", "__main__.py")
+    return shlex.join(["swardmap", *sys.argv[1:]]) if ours else None
 
 
 def _every_nth(configured: int | None, frame_count: int | None) -> int:

@@ -4,91 +4,29 @@ from swardmap import map_recording
 run = map_recording("my_recording", out="my_map")
 """
 
-from array import array
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from swardmap.config import Config, config_to_dict
+from swardmap.config import Config
 from swardmap.errors import InputError
 from swardmap.geometry import Pose
 from swardmap.grid import OccupancyGrid
 from swardmap.io import FrameSource, open_source
-from swardmap.kernels.compiled import machine_code_count
-from swardmap.labels import MapClass
+from swardmap.io.door import frames_of
 from swardmap.mapping.costmap import Costmap
 from swardmap.mapping.work_area import WorkArea, work_area_in
-from swardmap.perception.observation import PixelCounts
 from swardmap.pipeline import ObstacleMapper, StepResult, configured_mount
-from swardmap.runs.versions import versions
+from swardmap.runs.bounds import Bounds
+from swardmap.runs.frame_check import FrameCheck
+from swardmap.runs.summary import RunTotals, summarise, warnings_of
 from swardmap.segmenter import Segmenter
 from swardmap.types import Frame
 
 OnStep = Callable[[StepResult], None]
-
-
-@dataclass(slots=True)
-class RunTotals:
-    """Sums over the frames of a run, small enough to keep for hours of driving.
-
-    Attributes:
-        frames: that were mapped.
-        pixels: what became of theirs.
-        timings_ms: of each stage and frame, but for those that waited for a kernel's machine code.
-        compiling_ms: of those that did: what a machine does once, and no measure of its speed.
-        without_pose: frames that were mapped each on its own.
-        evidence: cells by what marked them.
-    """
-
-    frames: int = 0
-    pixels: PixelCounts | None = None
-    timings_ms: dict[str, "array[float]"] = field(default_factory=dict)
-    compiling_ms: dict[str, "array[float]"] = field(default_factory=dict)
-    machine_code: int = field(default_factory=machine_code_count)
-    without_pose: int = 0
-    evidence: dict[str, int] = field(default_factory=dict)
-
-    def add(self, step: StepResult) -> None:
-        """Count one frame."""
-        self.frames += 1
-        self.pixels = step.counts if self.pixels is None else self.pixels + step.counts
-        self.without_pose += step.frame.T_map_camera is None
-        for name, cells in evidence_cells(step).items():
-            self.evidence[name] = self.evidence.get(name, 0) + cells
-        before, self.machine_code = self.machine_code, machine_code_count()
-        timings_ms = self.timings_ms if self.machine_code == before else self.compiling_ms
-        for stage, milliseconds in step.timings_ms.items():
-            timings_ms.setdefault(stage, array("f")).append(milliseconds)
-
-    def timing_summary(self) -> dict[str, dict[str, float]]:
-        """Mean, median and 99th percentile of each stage, ms; compiling counts where all frames did."""
-        return {
-            stage: {
-                "mean": round(float(np.mean(values)), 3),
-                "p50": round(float(np.percentile(values, 50)), 3),
-                "p99": round(float(np.percentile(values, 99)), 3),
-            }
-            for stage, values in (self.timings_ms or self.compiling_ms).items()
-        }
-
-
-def evidence_cells(step: StepResult) -> dict[str, int]:
-    """Cells of one frame by what marked them; empty if geometry is switched off."""
-    seen, geometry = step.observation, step.observation.geometry
-    if geometry is None:
-        return {}
-    named, marked = seen.semantic >= MapClass.OBSTACLE, geometry.marks
-    return {
-        "semantic": int(named.sum()),
-        "geometric": int(marked.sum()),
-        "holes": int(geometry.holes.sum()),
-        "both": int((named & marked).sum()),
-        "geometric_over_grass": int((marked & (seen.semantic == MapClass.GRASS)).sum()),
-        "fused": int((seen.classes >= MapClass.OBSTACLE).sum()),
-    }
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,6 +53,7 @@ def map_recording(
     segmenter: Segmenter | None = None,
     overwrite: bool = False,
     on_step: OnStep | None = None,
+    strict: bool = False,
 ) -> MapRun:
     """Map a recording, and write the results if `out` is given.
 
@@ -126,22 +65,24 @@ def map_recording(
         segmenter: in place of the configured one.
         overwrite: replace `out` if swardmap made it.
         on_step: called after each frame, for progress or display.
+        strict: stop at the first frame that the node's watchdog would refuse, in place of leaving it out.
 
     Raises:
-        InputError: if the recording cannot be read, or holds no frame.
+        InputError: if the recording cannot be read, or holds no frame that can be mapped.
         OutputError: if the results cannot be written.
     """
     config = config or Config()
     if out is None:
-        return _mapped(recording, config, segmenter, None, on_step)
-    from swardmap.io.files import new_output_folder, refuse_to_replace
+        return _mapped(recording, config, segmenter, None, on_step, strict)
+    from swardmap.io.files import refuse_to_replace
+    from swardmap.io.folders import new_output_folder
 
     if isinstance(recording, (str, Path)):
         refuse_to_replace(recording, out)
     interrupted = False
     with new_output_folder(out, overwrite) as folder:
         try:
-            run = _mapped(recording, config, segmenter, folder, on_step)
+            run = _mapped(recording, config, segmenter, folder, on_step, strict)
         except _InterruptedError as stop:
             run, interrupted = stop.run, True
     if interrupted:
@@ -149,8 +90,15 @@ def map_recording(
     return run
 
 
-def build_mapper(segmenter: Segmenter, config: Config) -> ObstacleMapper:
+def build_mapper(
+    segmenter: Segmenter, config: Config, tell: Callable[[str], None] | None = None
+) -> ObstacleMapper:
     """A mapper with all that the configuration names: mount, work area, and the map it goes on from.
+
+    Args:
+        segmenter: tells grass from obstacles.
+        config: all settings.
+        tell: called with one line for what a person should know of them.
 
     Raises:
         InputError: if one of their files cannot be read.
@@ -159,7 +107,7 @@ def build_mapper(segmenter: Segmenter, config: Config) -> ObstacleMapper:
     from swardmap.io.maps.costmap_layers import zone_layers
     from swardmap.io.maps.log_odds_files import read_living_map
 
-    saved = None if config.grid.resume is None else read_living_map(config.grid.resume, config)
+    saved = None if config.grid.resume is None else read_living_map(config.grid.resume, config, tell)
     return ObstacleMapper(segmenter, config, configured_mount(config.mount), zone_layers(config), saved)
 
 
@@ -177,6 +125,7 @@ def _mapped(
     segmenter: Segmenter | None,
     folder: Path | None,
     on_step: OnStep | None,
+    strict: bool,
 ) -> MapRun:
     from swardmap.models import build_segmenter
 
@@ -189,22 +138,25 @@ def _mapped(
         from swardmap.runs.files import RunWriter
 
         writer = RunWriter(folder, config, source.frame_count)
-    mapper = build_mapper(segmenter, config)
+    notes: list[str] = []
+    mapper = build_mapper(segmenter, config, notes.append)
     mount = {"source": "poses of the recording" if mapper.T_base_camera is None else "configured"}
-    totals, interrupted = RunTotals(), False
-    try:
-        for step in map_steps(source, mapper, mount):
-            totals.add(step)
-            if writer is not None:
-                writer.add(step, mapper)
-            if on_step is not None:
-                on_step(step)
-    except KeyboardInterrupt:
-        interrupted = True
-        if totals.frames == 0:
-            raise
+    totals, check = RunTotals(), FrameCheck(config.watchdog, strict)
+
+    def add(step: StepResult) -> None:
+        totals.add(step)
+        if writer is not None:
+            writer.add(step, mapper)
+        if on_step is not None:
+            on_step(step)
+
+    interrupted = not _ended(map_steps(source, mapper, mount, check), add, totals)
+    if totals.frames == 0:
+        faults = ", ".join(f"{n} x {fault}" for fault, n in check.faults.items())
+        raise InputError(f"{source.name}: no frame can be mapped, all are faulty ({faults})")
     grid, costmap = mapper.map, mapper.costmap()
-    summary = _summary(source, segmenter, config, totals, grid, interrupted)
+    summary = summarise(source, segmenter.name, config, totals, check, grid, notes)
+    summary |= {"interrupted": interrupted, "warnings": warnings_of(summary)}
     T_base_camera = mapper.T_base_camera
     area = work_area_in(mapper.layers)
     summary["work_area"] = None if area is None else _area_facts(area, grid)
@@ -217,8 +169,23 @@ def _mapped(
     return run
 
 
+def _ended(steps: Iterator[StepResult], add: OnStep, totals: RunTotals) -> bool:
+    """Take every step; whether they came to their end, or Ctrl-C to some."""
+    try:
+        for step in steps:
+            add(step)
+    except KeyboardInterrupt:
+        if totals.frames == 0:
+            raise
+        return False
+    return True
+
+
 def map_steps(
-    source: FrameSource, mapper: ObstacleMapper, mount: dict[str, str] | None = None
+    source: FrameSource,
+    mapper: ObstacleMapper,
+    mount: dict[str, str] | None = None,
+    check: FrameCheck | None = None,
 ) -> Iterator[StepResult]:
     """Map the frames of a source one by one, as `map_recording` does.
 
@@ -226,16 +193,31 @@ def map_steps(
         source: open, in order of time.
         mapper: gets the mount measured from the first frame without a pose, where none is configured.
         mount: takes under `source` where the mount came from.
+        check: counts the frames that are not mapped, since the node's watchdog would refuse them.
 
     Raises:
         InputError: if there is no frame, or frames with poses are of more than one scene.
     """
-    frames = iter(source)
+    frames = frames_of(source, source.name)
     first = next(frames, None)
     if first is None:
         raise InputError(f"{source.name} holds no frame that can be mapped{_reasons(source)}")
     mount = {} if mount is None else mount
-    return mapper.run(_mounted(_chain(first, frames), mapper, mount))
+    check = check or FrameCheck(mapper.config.watchdog)
+    fit = (f for f in _chain(first, frames) if check.is_fit(f, mapper.T_base_camera))
+    return _within_bounds(mapper.run(_mounted(fit, mapper, mount)), mapper)
+
+
+def _within_bounds(steps: Iterator[StepResult], mapper: ObstacleMapper) -> Iterator[StepResult]:
+    """The steps, as long as the map they make is one that fits into memory and files."""
+    config = mapper.config
+    rolling = config.grid.mode == "log_odds" and config.evidence.window_m is not None
+    bounds = None if rolling or config.grid.size_m is not None else Bounds(config.grid.resolution_m)
+    for step in steps:
+        frame, seen = step.frame, step.observation
+        if bounds is not None and frame.T_map_camera is not None:
+            bounds.take_in(frame.name or str(frame.stamp_ns), step.T_map_camera, seen.spec)
+        yield step
 
 
 def _chain(first: Frame, rest: Iterator[Frame]) -> Iterator[Frame]:
@@ -284,39 +266,3 @@ def _mount_facts(T_base_camera: Pose) -> dict[str, float]:
 def _reasons(source: FrameSource) -> str:
     left_out = ", ".join(f"{n} x {reason}" for reason, n in source.skipped.items() if n)
     return f" (left out: {left_out})" if left_out else ""
-
-
-def _summary(
-    source: FrameSource,
-    segmenter: Segmenter,
-    config: Config,
-    totals: RunTotals,
-    grid: OccupancyGrid | None,
-    interrupted: bool,
-) -> dict[str, Any]:
-    return {
-        "source": {"name": source.name, "frame_count": source.frame_count},
-        "frames": totals.frames,
-        "frames_without_pose": totals.without_pose,
-        "skipped": dict(source.skipped),
-        "interrupted": interrupted,
-        "segmenter": segmenter.name,
-        "pixels": asdict(totals.pixels) if totals.pixels else {},
-        "evidence_cells": totals.evidence or None,
-        "map": None if grid is None else _map_facts(grid),
-        "timings_ms": totals.timing_summary(),
-        "versions": versions(),
-        "config": config_to_dict(config),
-    }
-
-
-def _map_facts(grid: OccupancyGrid) -> dict[str, Any]:
-    area_m2 = grid.spec.resolution_m**2
-    return {
-        "frame": grid.spec.frame_id,
-        "resolution_m": grid.spec.resolution_m,
-        "size_cells": [grid.spec.width, grid.spec.height],
-        "origin_m": list(grid.spec.origin_m),
-        "cells": {c.name.lower(): grid.count(c) for c in MapClass},
-        "seen_m2": round(area_m2 * int(np.count_nonzero(grid.classes)), 3),
-    }

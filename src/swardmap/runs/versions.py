@@ -1,9 +1,12 @@
 """What made a result: versions that belong beside it."""
 
 import platform
+from hashlib import sha256
 from importlib import metadata
+from pathlib import Path
 
 from swardmap import __version__
+from swardmap.config import Config
 
 
 def versions() -> dict[str, str]:
@@ -16,3 +19,17 @@ def versions() -> dict[str, str]:
         except metadata.PackageNotFoundError:
             continue
     return found
+
+
+def network_digest(config: Config) -> str:
+    """Tells network files apart, so that results of two networks of one name are never mixed; empty without.
+
+    Raises:
+        InputError: if the file of the network cannot be read.
+    """
+    from swardmap.io.files import read_bytes
+    from swardmap.models import bundled_network
+
+    name = config.segmenter.name
+    path = bundled_network() if name == "auto" else Path(name) if name.lower().endswith(".onnx") else None
+    return "" if path is None else sha256(read_bytes(path)).hexdigest()[:16]

@@ -2,13 +2,19 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from swardmap.config import SourceConfig
 from swardmap.errors import ConfigError
-from swardmap.labels import GRASS_OBSTACLE_PERSON, LabelSet
+from swardmap.geometry import Intrinsics, Pose
+from swardmap.io.sources.truth import FIRST_AREA, FrameTruth, GroundRaster, KnownThing
+from swardmap.labels import GRASS_OBSTACLE_PERSON, PERSON, LabelSet
 from swardmap.types import Frame
+
+if TYPE_CHECKING:
+    from swardmap.synth.analytic import Scene
 
 ANALYTIC = "analytic"
 """Location that names no file, such as `analytic:scenes=20,frames=10`."""
@@ -73,17 +79,41 @@ class AnalyticGardens:
         """The frame at a position of this dataset as an ideal sensor sees it."""
         return self._render(self._indices[position])
 
+    def truth(self, position: int) -> FrameTruth:
+        """Which solid each pixel of a frame shows; the lawn is the plane z = 0."""
+        from swardmap.synth.analytic_render import cast
+
+        scene, pose, intrinsics, stamp_ns = self._view(self._indices[position])
+        solids = scene.at(stamp_ns)
+        surface = cast(solids, scene.patches, intrinsics, pose).surface.astype(np.int64)
+        ids = np.where(surface < 0, 0, np.where(surface < len(solids), surface + 1, FIRST_AREA)).astype(
+            np.uint16
+        )
+        things = {
+            k + 1: KnownThing(
+                "person" if s.label == PERSON else type(s).__name__.lower(), float(s.bounds()[1][2])
+            )
+            for k, s in enumerate(solids)
+        }
+        ground = GroundRaster((-1.0, -1.0), 1.0, np.zeros((2, 2), np.float32))
+        return FrameTruth(ids, things | {FIRST_AREA: KnownThing("patch", 0.0)}, ground)
+
     def _render(self, index: int) -> Frame:
-        from swardmap.synth.analytic import VGA, garden_scene, lane_poses, render
+        from swardmap.synth.analytic import render
+
+        scene, pose, intrinsics, stamp_ns = self._view(index)
+        scene_number, step = divmod(index, self._values["frames"])
+        name = f"{self._values['seed'] + scene_number:04d}_{step:04d}"
+        return replace(render(scene, intrinsics, pose, stamp_ns, name), tags={"sequence": scene.name})
+
+    def _view(self, index: int) -> "tuple[Scene, Pose, Intrinsics, int]":
+        from swardmap.synth.analytic import VGA, garden_scene, lane_poses
 
         scene_number, step = divmod(index, self._values["frames"])
-        seed, width = self._values["seed"] + scene_number, self._values["width"]
+        width = self._values["width"]
         pose = lane_poses(1, start_m=(0.25 * step % 3.0, 0.0))[0]
-        scene = garden_scene(seed)
-        frame = render(
-            scene, VGA.scaled_to(width, width * 3 // 4), pose, step * 200_000_000, f"{seed:04d}_{step:04d}"
-        )
-        return replace(frame, tags={"sequence": scene.name})
+        scene = garden_scene(self._values["seed"] + scene_number)
+        return scene, pose, VGA.scaled_to(width, width * 3 // 4), step * 200_000_000
 
 
 def open_named(location: str, config: SourceConfig) -> AnalyticGardens:

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swardmap.errors import InputError
+from swardmap.io.door import through_door
 from swardmap.synth.model import Float32Array
 
 FORMAT = "swardmap-garden-assets/1"
@@ -74,6 +75,7 @@ class Bundle:
         return content
 
 
+@through_door("a bundle of models")
 def open_bundle(path: Path) -> Bundle:
     """Read the index of a bundle, nothing else.
 

@@ -1,6 +1,5 @@
 """What is to be seen in the frames of gardens, counted: classes, kinds of obstacle, poses, distances."""
 
-import json
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
@@ -10,6 +9,8 @@ from typing import Any
 import numpy as np
 
 from swardmap.errors import InputError
+from swardmap.io.door import parse_json, through_door
+from swardmap.io.files import read_bytes
 from swardmap.labels import GRASS_OBSTACLE_PERSON, PERSON
 from swardmap.synth.model import Thing, View
 
@@ -20,6 +21,10 @@ SEEN_PIXELS = 20
 """A kind or a pose is seen in a frame that has so many pixels of it."""
 
 Facts = Mapping[str, Any]
+
+
+MAX_FACTS_BYTES = 2**28
+FACTS_SHAPE = {"pixels": {"person": int}, "kinds": dict, "poses": dict, "distances": dict}
 
 
 def frame_facts(view: View, things: Sequence[Thing]) -> dict[str, Any]:
@@ -67,11 +72,18 @@ def read_facts(out: Path) -> Iterator[tuple[str, dict[str, Any]]]:
     if not files:
         raise InputError(f"{out}: expected a folder that `swardmap synth` wrote, found no {FACTS_FILE} in it")
     for file in files:
-        try:
-            for line in file.read_text(encoding="utf-8").splitlines():
-                yield file.parent.name, json.loads(line)
-        except (OSError, ValueError) as error:
-            raise InputError(f"cannot read {file}: {error}") from error
+        for line in read_bytes(file, MAX_FACTS_BYTES).splitlines():
+            yield file.parent.name, parse_json(line, file, FACTS_SHAPE)
+
+
+@through_door("facts of gardens")
+def census_of(out: Path) -> dict[str, Any]:
+    """The census of a folder that `swardmap synth` wrote.
+
+    Raises:
+        InputError: if there is none, or a file is damaged.
+    """
+    return census(read_facts(out))
 
 
 def census(facts: Iterable[tuple[str, Facts]]) -> dict[str, Any]:

@@ -3,14 +3,14 @@
 Order of precedence: defaults < file (`--config`) < command line (`--set camera.jpeg_quality=[80,95]`).
 """
 
-import dataclasses
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from swardmap.config.settings import Checked, build, merge_overrides, setting, yaml_lines
+from swardmap.config.loader import load
+from swardmap.config.settings import Checked, setting
 from swardmap.errors import ConfigError
 
 
@@ -145,46 +145,7 @@ def load_synth_config(file: Path | None = None, overrides: Iterable[str] = ()) -
     Raises:
         ConfigError: for an unknown key, a wrong type, or a value out of range.
     """
-    import yaml
-
-    tree: dict[str, Any] = {}
-    if file is not None:
-        try:
-            tree = yaml.safe_load(file.read_text(encoding="utf-8")) or {}
-        except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
-            raise ConfigError(f"cannot read {file}: {' '.join(str(error).split())}") from error
-        if not isinstance(tree, dict) or not all(isinstance(v, dict) for v in tree.values()):
-            raise ConfigError(f"{file}: expected the sections {', '.join(_sections())} with keys")
-    merge_overrides(tree, overrides)
-    return synth_config_from_dict(tree)
-
-
-def synth_config_from_dict(tree: Mapping[str, Any]) -> SynthConfig:
-    """Build it from a nested dict with any part of the tree.
-
-    Raises:
-        ConfigError: for an unknown key (with the nearest known one), a wrong type, a value out of range.
-    """
-    built = build(SynthConfig, tree)
-    assert isinstance(built, SynthConfig)  # noqa: S101 - narrows the type
-    return built
-
-
-def synth_config_to_dict(config: SynthConfig) -> dict[str, dict[str, Any]]:
-    """The tree as plain dicts, lists, strings and numbers."""
-    plain: dict[str, dict[str, Any]] = dataclasses.asdict(config, dict_factory=_plain_dict)
-    return plain
-
-
-def synth_config_yaml(config: SynthConfig) -> str:
-    """The tree as YAML, each setting with what it is for."""
-    lines: list[str] = []
-    for f in fields(config):
-        section = getattr(config, f.name)
-        lines += ["", f"# {type(section).__doc__}", f"{f.name}:"]
-        for inner in fields(section):
-            lines += yaml_lines(inner, getattr(section, inner.name), "  ")
-    return "\n".join(lines).strip() + "\n"
+    return load(SynthConfig, file, None, overrides)
 
 
 def digest(plain: Mapping[str, Any]) -> str:
@@ -192,11 +153,3 @@ def digest(plain: Mapping[str, Any]) -> str:
     import json
 
     return sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()[:16]
-
-
-def _plain_dict(items: list[tuple[str, Any]]) -> dict[str, Any]:
-    return {key: list(value) if isinstance(value, tuple) else value for key, value in items}
-
-
-def _sections() -> tuple[str, ...]:
-    return tuple(f.name for f in fields(SynthConfig))

@@ -5,25 +5,20 @@ light, is made by one process and is whole when its marker is there; one without
 is drawn from (seed, scene, light, frame), so it does not matter who makes what, and when.
 """
 
-import os
-import queue
 from collections import Counter
 from collections.abc import Callable
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import suppress
 from dataclasses import asdict
-from functools import lru_cache
-from multiprocessing import get_context
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from swardmap.errors import OutputError, SwardmapError
+from swardmap.config.loader import to_dict
 from swardmap.grid import OccupancyGrid
 from swardmap.io.sources.eden_layout import LIGHTS
-from swardmap.synth.config import SynthConfig, digest, synth_config_to_dict
+from swardmap.runs.parallel import OnDone, Tick, each_part
+from swardmap.synth.config import SynthConfig, digest
 from swardmap.synth.model import Garden
 from swardmap.synth.plan import SynthPlan, garden_seed, prepare_folder
 from swardmap.synth.sequence import GardenSource
@@ -35,8 +30,6 @@ LIGHT_STREAM = 4
 """Of chance, beside those of camera, sensor and frames (see `sequence`)."""
 
 StageOf = Callable[[SynthConfig], Stage]
-OnDone = Callable[[int, int], None]
-"""Called with the number of frames done and of all frames."""
 
 
 def produce(
@@ -82,13 +75,9 @@ def produce(
         if on_done is not None:
             on_done(done, total)
 
-    jobs = min(jobs or len(os.sched_getaffinity(0)), len(todo))
     try:
-        if jobs > 1:
-            _make_in_processes(plan, out, todo, stage_of, jobs, on_frame)
-        else:
-            for scene, light in todo:
-                _make(plan, out, scene, light, stage_of, on_frame)
+        for _ in each_part(partial(_make, plan, out, stage_of), todo, jobs, on_tick=on_frame):
+            pass
     except KeyboardInterrupt:
         whole = sum(is_complete(out, f"{s:04d}", light, plan.frames) for s, light in plan.sequences)
         raise KeyboardInterrupt(
@@ -122,92 +111,9 @@ def make_source(
     )
 
 
-def _make_in_processes(
-    plan: SynthPlan,
-    out: Path,
-    todo: list[tuple[int, str]],
-    stage_of: StageOf,
-    jobs: int,
-    on_frame: Callable[[], None],
-) -> None:
-    context = get_context("spawn")
-    frames, stop = context.Queue(), context.Event()
-    pool = ProcessPoolExecutor(jobs, context, _start_worker, (os.getpid(), frames, stop))
-    try:
-        running: set[Future[None]] = {
-            pool.submit(_make_in_worker, plan, out, scene, light, stage_of) for scene, light in todo
-        }
-        while running:
-            finished, running = wait(running, timeout=0.5, return_when=FIRST_COMPLETED)
-            _tell(frames, on_frame)
-            for future in finished:
-                _check(future)
-        _tell(frames, on_frame)
-    finally:
-        stop.set()
-        pool.shutdown(wait=True, cancel_futures=True)
-
-
-def _tell(frames: Any, on_frame: Callable[[], None]) -> None:
-    """Pass on all that workers have told since the last time."""
-    with suppress(queue.Empty):
-        while True:
-            frames.get_nowait()
-            on_frame()
-
-
-def _check(future: "Future[None]") -> None:
-    try:
-        future.result()
-    except BrokenProcessPool as error:
-        raise OutputError(
-            "a process died, perhaps for want of memory; give the same command again, with fewer --jobs: "
-            "sequences that are whole are kept"
-        ) from error
-
-
-class _StoppedError(SwardmapError):
-    """The parent wants no more frames."""
-
-
-_worker: dict[str, Any] = {}
-"""Of this process: where to tell of frames, and what says to stop."""
-
-
-def _start_worker(parent: int, frames: Any, stop: Any) -> None:
-    """One core each; end with the parent, even if that is killed."""
-    import signal
-    import threading
-    import time
-
-    import cv2
-
-    os.environ["LP_NUM_THREADS"] = "1"  # of Mesa's software driver; read when the context is made
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's
-    cv2.setNumThreads(1)
-    _worker.update(frames=frames, stop=stop)
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(0.5)
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
-
-
-def _make_in_worker(plan: SynthPlan, out: Path, scene: int, light: str, stage_of: StageOf) -> None:
-    def on_frame() -> None:
-        _worker["frames"].put(1)
-        if _worker["stop"].is_set():
-            raise _StoppedError("stopped")
-
-    _make(plan, out, scene, light, stage_of, on_frame)
-
-
-def _make(
-    plan: SynthPlan, out: Path, scene: int, light: str, stage_of: StageOf, on_frame: Callable[[], None]
-) -> None:
+def _make(plan: SynthPlan, out: Path, stage_of: StageOf, sequence: tuple[int, str], tick: Tick) -> None:
     """Make one sequence anew."""
+    scene, light = sequence
     stage = _stage(stage_of, plan.config)
     garden, grid = _garden(stage_of, plan.config, garden_seed(plan.seed, scene))
     source = make_source(plan, stage, scene, light, garden)
@@ -216,7 +122,7 @@ def _make(
     def meta() -> dict[str, Any]:
         return _meta(plan, source, stage, scene)
 
-    write_sequence(source, out, f"{scene:04d}", grid, plan.config.map, meta, on_frame)
+    write_sequence(source, out, f"{scene:04d}", grid, plan.config.map, meta, tick)
 
 
 @lru_cache(maxsize=1)
@@ -251,7 +157,7 @@ def _meta(plan: SynthPlan, source: GardenSource, stage: Stage, scene: int) -> di
         "camera": asdict(source.faults),
         "stereo": None if sensor is None else asdict(sensor),
         "intrinsics": asdict(source.intrinsics),
-        "config": synth_config_to_dict(plan.config),
+        "config": to_dict(plan.config),
         "digest": digest(plan.to_dict()),
         "stage": stage.facts,
         "versions": versions(),

@@ -3,6 +3,8 @@
 OUT/eden/                                  all sequences, in EDEN's own layout, with exact depth
 OUT/folder/SCENE/LIGHT/                    one sequence, in our layout, with the sensor's depth
 OUT/folder/SCENE/LIGHT/exact/              the same recording with exact depth (colour, labels: links)
+OUT/folder/SCENE/LIGHT/instances/, .json   which thing each pixel is (see `io.sources.truth`)
+OUT/folder/SCENE/LIGHT/ground.npz          where the ground lies
 OUT/folder/SCENE/LIGHT/maps/scene.*        the true map of all that stands still: PGM + YAML, npz
 OUT/folder/SCENE/LIGHT/maps/NAME.npz       the true map of what is ahead of a frame
 OUT/folder/SCENE/LIGHT/frames.jsonl        counts of each frame, for the census
@@ -22,6 +24,7 @@ import numpy as np
 from swardmap.config import SourceConfig
 from swardmap.errors import InputError, OutputError
 from swardmap.grid import OccupancyGrid
+from swardmap.io.door import read_json
 from swardmap.io.files import read_bytes, write_bytes, write_text
 from swardmap.io.images import encode_png
 from swardmap.io.maps.map_files import write_map
@@ -29,12 +32,15 @@ from swardmap.io.maps.npz_files import write_npz
 from swardmap.io.sources import folder
 from swardmap.io.sources.eden import write_eden
 from swardmap.io.sources.eden_layout import MODALITIES
+from swardmap.io.sources.truth import GROUND, IMAGES, TABLE, KnownThing, write_ground, write_things
 from swardmap.synth.census import FACTS_FILE, frame_facts
 from swardmap.synth.config import MapConfig
+from swardmap.synth.instances import ground_raster, instance_ids, known_things
 from swardmap.synth.sequence import GardenSource, Shot, to_millimetres
 from swardmap.synth.truth import frame_map
 from swardmap.types import Frame
 
+MAX_MARKER_BYTES = 10_000
 COMPLETE_FILE, META_FILE = "complete.json", "meta.json"
 LINKED = ("rgb", "labels", folder.POSES_FILE)
 """What `exact/` shares with the recording it lies in."""
@@ -48,9 +54,9 @@ def folder_of(out: Path, scene: str, light: str) -> Path:
 def is_complete(out: Path, scene: str, light: str, frames: int) -> bool:
     """Whether a sequence is there, whole, with so many frames."""
     try:
-        marker = json.loads((folder_of(out, scene, light) / COMPLETE_FILE).read_text(encoding="utf-8"))
-        return int(marker["frames"]) == frames
-    except (OSError, ValueError, KeyError, TypeError):
+        marker = read_json(folder_of(out, scene, light) / COMPLETE_FILE, {"frames": int}, MAX_MARKER_BYTES)
+        return bool(marker["frames"] == frames)
+    except InputError:
         return False
 
 
@@ -96,15 +102,20 @@ def write_sequence(
     light = source.light.illumination
     here, scratch = folder_of(out, scene, light), _scratch(out, scene, light)
     facts: list[str] = []
+    things: dict[int, KnownThing] = {}
 
     def frames() -> Iterator[Frame]:
         for shot in source.shots():
             _write_truth(shot, source, scene_grid, maps, scratch)
+            things.update(_write_instances(shot, source, scratch))
             facts.append(json.dumps(_facts(shot, source)))
             yield shot.frame
             on_frame()
 
     count = folder.write_folder(frames(), here)
+    _move(scratch / IMAGES, here / IMAGES)
+    write_things(here / TABLE, things)
+    write_ground(here / GROUND, ground_raster(source.garden.ground))
     if scene_grid is not None:
         _move(scratch / "maps", here / "maps")
         write_map(scene_grid, here / "maps" / "scene.yaml")
@@ -131,6 +142,15 @@ def _write_truth(
             source.garden, scene_grid, frame.intrinsics, frame.T_map_camera, frame.stamp_ns, maps
         )
         write_npz(grid, scratch / "maps" / f"{frame.name}.npz")
+
+
+def _write_instances(shot: Shot, source: GardenSource, scratch: Path) -> dict[int, KnownThing]:
+    """Put beside which thing each pixel is; what the ids stand for."""
+    frame, ground = shot.frame, source.garden.ground
+    assert frame.T_map_camera is not None  # noqa: S101 - narrows the type
+    ids = instance_ids(shot.view, ground, frame.intrinsics, frame.T_map_camera)
+    write_bytes(scratch / IMAGES / f"{frame.name}.png", encode_png(ids), durable=False)
+    return known_things(ids, source.garden.at(frame.stamp_ns), ground)
 
 
 def _facts(shot: Shot, source: GardenSource) -> dict[str, Any]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from swardmap.eval.confusion import confusion_of_masks
 from swardmap.labels import LabelSet, Role
 
 
@@ -30,13 +31,9 @@ class Score:
 
     def plus(self, truth: NDArray[np.uint8], predicted: NDArray[np.uint8]) -> "Score":
         """With one more image; pixels whose true id is none of `ids` do not count."""
-        n = len(self.ids)
-        index = np.full(256, n, np.int64)
-        index[list(self.ids)] = np.arange(n)
-        rows, columns = index[truth.ravel()], index[predicted.ravel()]
-        known = rows < n
-        flat = np.bincount(rows[known] * (n + 1) + columns[known], minlength=n * (n + 1))
-        return Score(self.counts + flat.reshape(n, n + 1), self.ids, self.label_set)
+        by_id = {c.id: c for c in self.label_set.classes}
+        counted = confusion_of_masks(truth, predicted, LabelSet(tuple(by_id[i] for i in self.ids)))
+        return Score(self.counts + np.array(counted.counts, np.int64), self.ids, self.label_set)
 
     def figures(self) -> Mapping[str, float | None]:
         """Accuracy, IoU and F1 of each class, share of obstacle pixels called grass; None where undefined."""

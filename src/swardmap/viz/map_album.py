@@ -1,4 +1,4 @@
-"""What a page shows of the frames of a run: photo, mask and depth of some, and the way of the camera."""
+"""What a page shows of the frames of a run: photo, mask, depth and map of some, and the camera's way."""
 
 from dataclasses import dataclass, field
 
@@ -7,8 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swardmap.geometry import Pose
+from swardmap.grid import OccupancyGrid
 from swardmap.types import Frame, Segmentation
+from swardmap.viz.drawing import Picture
 from swardmap.viz.map_layers import image_url
+from swardmap.viz.maps import View, bounds_of, draw_camera, draw_classes, draw_scale
 from swardmap.viz.pictures import depth_colors
 
 MOST_FRAMES = 80
@@ -28,7 +31,8 @@ class AlbumFrame:
         stamp_ns: its time.
         xy_m: where the camera was in the map, or None.
         heading_rad: where it looked, from x towards y.
-        photo, mask, depth: data URLs; the mask is transparent where nothing is known.
+        photo, mask, depth, map: data URLs; the mask is transparent where nothing is known, the map is of
+            this frame alone.
         depth_range_m: of the colours of the depth.
     """
 
@@ -40,6 +44,7 @@ class AlbumFrame:
     photo: str
     mask: str
     depth: str
+    map: str
     depth_range_m: tuple[float, float]
 
 
@@ -60,8 +65,16 @@ class Album:
     _every: int = 1
     _count: int = 0
 
-    def add(self, frame: Frame, segmentation: Segmentation, T_map_camera: Pose | None) -> None:
-        """See one frame; `T_map_camera` is None where it has no place in the map."""
+    def add(self, frame: Frame, segmentation: Segmentation, seen: OccupancyGrid, T_seen_camera: Pose) -> None:
+        """See one frame.
+
+        Args:
+            frame: with a pose where it has a place in the map of the run.
+            segmentation: its mask.
+            seen: the map of this frame alone.
+            T_seen_camera: the camera in it.
+        """
+        T_map_camera = frame.T_map_camera
         if T_map_camera is not None:
             x, y = (float(v) for v in T_map_camera.position_m[:2])
             if not self.way_m or np.hypot(x - self.way_m[-1][0], y - self.way_m[-1][1]) >= self.step_m:
@@ -69,16 +82,17 @@ class Album:
             if len(self.way_m) > MOST_PLACES:
                 self.way_m, self.step_m = self.way_m[::2], 2 * self.step_m
         if self.pictures and self._count % self._every == 0:
-            self.frames.append(album_frame(frame, segmentation, T_map_camera, self._count))
+            self.frames.append(album_frame(frame, segmentation, seen, T_seen_camera, self._count))
             if len(self.frames) > MOST_FRAMES:
                 self.frames, self._every = self.frames[::2], 2 * self._every
         self._count += 1
 
 
 def album_frame(
-    frame: Frame, segmentation: Segmentation, T_map_camera: Pose | None, index: int
+    frame: Frame, segmentation: Segmentation, seen: OccupancyGrid, T_seen_camera: Pose, index: int
 ) -> AlbumFrame:
-    """The pictures of one frame, no wider than WIDTH."""
+    """The pictures of one frame, no wider than WIDTH; arguments as for `Album.add`."""
+    T_map_camera = frame.T_map_camera
     height, width = frame.intrinsics.height, frame.intrinsics.width
     size = (min(WIDTH, width), max(1, round(height * min(WIDTH, width) / width)))
     depth, low_m, high_m = depth_colors(frame.depth_m)
@@ -94,6 +108,7 @@ def album_frame(
         image_url(_mask(segmentation, size), ".png"),
         # nearest: a mixture of two depths is a depth that nothing has
         image_url(_smaller(depth, size, cv2.INTER_NEAREST), ".jpg"),
+        image_url(_map(frame, seen, T_seen_camera, size), ".png"),
         (round(low_m, 2), round(high_m, 2)),
     )
 
@@ -110,3 +125,11 @@ def _mask(segmentation: Segmentation, size: tuple[int, int]) -> NDArray[np.uint8
     pixels[..., :3] = small.label_set.color_table[small.labels]
     pixels[..., 3] = np.where(says_something, 255, 0)
     return pixels
+
+
+def _map(frame: Frame, seen: OccupancyGrid, T_seen_camera: Pose, size: tuple[int, int]) -> Picture:
+    view = View.of(bounds_of(seen, T_seen_camera.position_m[:2]), *size)
+    picture = draw_classes(seen, view)
+    draw_camera(picture, view, T_seen_camera, frame.intrinsics)
+    draw_scale(picture, view)
+    return picture

@@ -8,7 +8,7 @@ from swardmap import __version__
 from swardmap.grid import OccupancyGrid
 from swardmap.labels import MapClass
 from swardmap.mapping.costmap import Costmap
-from swardmap.viz.map_album import Album
+from swardmap.viz.map_album import Album, AlbumFrame
 from swardmap.viz.map_layers import bounded_layers
 from swardmap.viz.maps import bounds_of
 
@@ -39,7 +39,7 @@ def map_page(
         command: that made the map; None where it was made from Python.
     """
     frames = album.frames
-    while sum(len(f.photo) + len(f.mask) + len(f.depth) for f in frames) > MOST_FRAME_BYTES and frames[1:]:
+    while sum(map(_size, frames)) > MOST_FRAME_BYTES and frames[1:]:
         frames = frames[::2]
     return render(
         "map.html",
@@ -141,6 +141,10 @@ def timing_rows(summary: Summary) -> list[tuple[str, str, str, str]]:
     """Milliseconds of each stage: median, mean, 99th percentile."""
     timings: Mapping[str, Mapping[str, float]] = summary.get("timings_ms") or {}
     return [(stage, *(f"{t[key]:.1f}" for key in ("p50", "mean", "p99"))) for stage, t in timings.items()]  # type: ignore[misc]
+
+
+def _size(frame: AlbumFrame) -> int:
+    return len(frame.photo) + len(frame.mask) + len(frame.depth) + len(frame.map)
 
 
 def _count(frames: Any) -> int:

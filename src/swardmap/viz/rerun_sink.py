@@ -7,7 +7,6 @@ import os
 import shutil
 import socket
 import sys
-import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from swardmap.errors import OutputError, require
+from swardmap.io.staging import name_beside, sweep
 
 ARRIVE_S = 10.0
 """The longest time one frame may take to arrive; a viewer that needs longer is taken for gone."""
@@ -149,9 +149,10 @@ def _whole_file(path: Path, overwrite: bool) -> Iterator[Path]:
     """A temporary file beside `path` that takes its name at the end."""
     if path.suffix != ".rrd" or path.is_dir():
         raise OutputError(f"expected a file whose name ends in .rrd, got {path}")
+    sweep(path)
     if path.exists() and not overwrite:
         raise OutputError(f"{path} exists: choose another name, or pass --overwrite")
-    temporary = path.parent / f".{path.name}.{uuid.uuid4().hex[:12]}.part"
+    temporary = name_beside(path)
     try:
         with _one_error(path):
             path.parent.mkdir(parents=True, exist_ok=True)

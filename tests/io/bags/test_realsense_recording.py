@@ -16,6 +16,7 @@ from swardmap.io.bags import ros_fields as rf
 from swardmap.io.bags.reader import appended_bytes
 from swardmap.io.bags.rosbag import open_source
 from swardmap.perception.align import align_depth_to_color
+from swardmap.perception.cloud import consistent_depth
 from tests import bags
 from tests.bags import INFO, Event
 
@@ -24,7 +25,8 @@ CAMERA = Intrinsics(24, 18, 20.0, 20.5, 11.3, 8.9)
 TURN = Rotation.from_euler("xyz", [2, -3, 1], degrees=True)
 PLACE = [0.015, 0.001, -0.002]
 RGB = np.random.default_rng(0).integers(0, 255, (18, 24, 3), dtype=np.uint8)
-RAW = np.random.default_rng(1).integers(2000, 9000, (18, 24)).astype(np.uint16)
+RAW = np.random.default_rng(1).integers(5000, 5400, (18, 24)).astype(np.uint16)
+RAW[4:7, 9] = 9000
 
 
 def place(turn: Rotation, translation: list[float]) -> rf.Fields:
@@ -67,7 +69,9 @@ def test_a_bag_of_the_sdk(tmp_path: Path) -> None:
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = TURN.as_matrix(), PLACE
     # the cameras do not coincide, though both images carry the same frame id
-    aligned = align_depth_to_color(RAW, 0.00025, CAMERA, CAMERA, Pose("color", "depth", matrix))
+    kept = np.isfinite(consistent_depth(RAW * np.float32(0.00025), 3, 0.03, 0.02))
+    T = Pose("color", "depth", matrix)
+    aligned = align_depth_to_color(np.where(kept, RAW, 0).astype(np.uint16), 0.00025, CAMERA, CAMERA, T)
     for frame in frames:
         np.testing.assert_array_equal(frame.rgb, RGB)
         np.testing.assert_array_equal(frame.depth, aligned)

@@ -85,8 +85,8 @@ def test_depth_honours_step_and_byte_order(depth: Any, padding: int, big: bool) 
         ({"data": np.zeros(61, np.uint8)}, "got 61 bytes"),
         ({"step": 14}, "rows of 14 bytes"),
         ({"height": 0}, "0 rows"),
-        ({"encoding": "bayer_rggb8"}, "image_proc"),
-        ({"encoding": "yuv422"}, "not supported"),
+        ({"encoding": "yuv422"}, "even number of columns"),
+        ({"encoding": "nv24"}, "not supported"),
         ({"encoding": ""}, "not supported"),
     ],
 )
@@ -227,7 +227,10 @@ def test_binning_and_region_of_interest() -> None:
         ({"k": np.full(9, np.nan)}, "finite"),
         ({"k": np.zeros(4)}, "expected 9 numbers"),
         ({"width": 0}, "positive size"),
-        ({"d": np.array([0.1, 0, 0, 0]), "distortion_model": "equidistant"}, "'equidistant'"),
+        ({"d": np.array([0.1, 0, 0, 0]), "distortion_model": "double_sphere"}, "'double_sphere'"),
+        ({"d": np.zeros(5), "distortion_model": "omnidirectional"}, "'omnidirectional'"),
+        ({"d": np.array([0.1, 0, 0, 0, 0]), "distortion_model": "equidistant"}, "5 coefficients"),
+        ({"d": np.full(6, 0.1), "distortion_model": "rational_polynomial"}, "6 coefficients"),
         ({"d": np.array([0.1, 0, 0, 0, np.nan])}, "not supported"),
     ],
 )

@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from swardmap.errors import InputError
 from swardmap.geometry import Float64Array
-from swardmap.io.bags.tf import ALWAYS_NS, TransformBuffer
+from swardmap.io.bags.tf import TransformBuffer
+from swardmap.io.bags.tf_edge import ALWAYS_NS
 
 UNIT = (0.0, 0.0, 0.0, 1.0)
 MS = 1_000_000
@@ -95,8 +96,9 @@ def test_refuses_what_is_no_rotation(quaternion: tuple[float, ...]) -> None:
     buffer.add("map", "base", 60 * MS, (np.nan, 0, 0), UNIT)
     assert buffer.refused == 2
     assert buffer.lookup("map", "base", 25 * MS, 10**9) is None
-    with pytest.raises(InputError, match="static transform base <- camera"):
-        buffer.add_static("base", "camera", (0, 0, 0), quaternion)
+    assert not buffer.add_static("base", "camera", (0, 0, 0), quaternion)
+    assert buffer.refused == 3
+    assert "transform base <- camera is no rotation" in " ".join(buffer.faults)
 
 
 IN_ORDER_MS = list(range(0, 200, 20))
@@ -144,12 +146,59 @@ def test_newest_is_the_slowest_of_the_way() -> None:
     assert buffer.newest_ns("base", "camera") == ALWAYS_NS
 
 
-def test_refuses_what_is_no_tree() -> None:
+def test_what_contradicts_itself_on_the_way_is_refused() -> None:
     buffer = moving([0])
+    buffer.add_static("base", "camera", (0, 0, 0), UNIT)
+    assert buffer.add("odom", "base", 5, (0, 0, 0), UNIT)
     with pytest.raises(InputError, match="two parents in tf: 'map' and 'odom'"):
-        buffer.add("odom", "base", 5, (0, 0, 0), UNIT)
-    with pytest.raises(InputError, match="names of two frames"):
-        buffer.add("base", "base", 5, (0, 0, 0), UNIT)
-    buffer.add("base", "map", 0, (0, 0, 0), UNIT)
+        buffer.lookup("map", "camera", 0, 0)
+    assert buffer.lookup("base", "camera", 0, 0) is not None
+    round_ = moving([0])
+    round_.add("base", "map", 0, (0, 0, 0), UNIT)
     with pytest.raises(InputError, match="circle"):
-        buffer.lookup("map", "base", 0, 0)
+        round_.lookup("map", "base", 0, 0)
+
+
+def test_off_the_way_nothing_is_judged() -> None:
+    buffer = moving([0, 100])
+    buffer.add("left", "tag", 5, (0, 0, 0), UNIT)
+    buffer.add("right", "tag", 6, (1, 0, 0), UNIT)
+    buffer.add("north", "map", 6, (1, 0, 0), UNIT)  # above where the two ends meet
+    buffer.add("south", "map", 6, (1, 0, 0), UNIT)
+    buffer.add_static("base", "antenna", (0, 0, 0), (0, 0, 0, 0))
+    assert buffer.lookup("map", "base", 50 * MS, 10**9) is not None
+    assert buffer.refused == 1
+
+
+@pytest.mark.parametrize(("parent", "child"), [("base", "base"), ("", "base"), ("map", ""), ("/", "base")])
+def test_what_does_not_name_two_frames_is_counted_as_tf2_does(parent: str, child: str) -> None:
+    buffer = moving([0, 100])
+    assert not buffer.add(parent, child, 5, (0, 0, 0), UNIT)
+    assert not buffer.add_static(parent, child, (0, 0, 0), UNIT)
+    assert buffer.refused == 2
+    assert buffer.lookup("map", "base", 50 * MS, 10**9) is not None
+
+
+def test_what_is_static_and_moves_elsewhere_moves() -> None:
+    buffer = moving([0, 100])
+    buffer.add_static("map", "base", (5, 0, 0), UNIT)
+    buffer.add_static("base", "camera", (0, 0, 1), UNIT)
+    buffer.add("base", "camera", 50 * MS, (0, 0, 1), (0, 0, 0, -1.0))  # the same, sent again and turned round
+    pose = buffer.lookup("map", "camera", 50 * MS, 10**9)
+    assert pose is not None
+    np.testing.assert_allclose(pose.position_m, [0.05, 0, 1])
+    assert buffer.conflicts("map", "camera") == [("map", "base")]
+    assert buffer.way("map", "camera") == [("base", "camera", False), ("map", "base", True)]
+    assert buffer.newest_ns("map", "camera") == 100 * MS
+
+
+def test_why_there_is_no_pose_is_told() -> None:
+    buffer = moving([1000, 1900])
+    buffer.add_static("base", "camera", (0, 0, 1), UNIT)
+
+    def why(ms: int) -> str:
+        return buffer.why_not("map", "camera", ms * MS, 250 * MS, {"base": (500 * MS, 1900 * MS)})
+
+    assert why(1400) == "map <- base has a gap of 900 ms at 1.400 s"
+    assert why(2500) == "map <- base is known from 0.500 to 1.900 s, the image is of 2.500 s"
+    assert "no way" in buffer.why_not("earth", "camera", 0, 0, {})

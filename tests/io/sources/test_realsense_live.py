@@ -95,6 +95,22 @@ def test_depth_by_rs_align_is_ours_like_sdk_bit_for_bit() -> None:
     np.testing.assert_array_equal(frame.depth, expected)
 
 
+@pytest.mark.parametrize("align", ["swardmap", "sdk"])
+def test_flying_pixels_are_taken_out_before_depth_is_aligned(
+    align: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def spiked(number: int) -> Any:
+        depth = depth_image(number).copy()
+        depth[20, 30] = 400  # before the wall, and alone
+        return depth
+
+    monkeypatch.setattr("tests.realsense.depth_image", spiked)
+    (frame,) = first(live(steady(2), align=align))
+    ours = align == "swardmap"  # the SDK's block aligns what it gets
+    assert frame.depth_filtered is ours
+    assert bool((frame.depth == 400).any()) is not ours
+
+
 def test_the_unit_is_the_sensors() -> None:
     (frame,) = first(live(steady(2), lambda: SoftwareCamera(unit_m=0.0001)))
     assert frame.depth_unit_m == 0.0001

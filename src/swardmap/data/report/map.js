@@ -120,6 +120,7 @@
       byId("frame-photo").src = byId("frame-under").src = frame.photo;
       byId("frame-mask").src = frame.mask;
       byId("frame-depth").src = frame.depth;
+      byId("frame-map").src = frame.map;
       byId("frame-range").textContent = `${frame.depth_range_m[0]} to ${frame.depth_range_m[1]} m`;
       const where = frame.xy_m ? `, camera at x ${frame.xy_m[0].toFixed(2)} m, y ${frame.xy_m[1].toFixed(2)} m` : "";
       byId("frame-text").textContent =

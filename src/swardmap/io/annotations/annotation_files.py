@@ -32,6 +32,7 @@ from swardmap.io.annotations.masks import (
     read_mask_image,
 )
 from swardmap.io.clouds.cloud_files import label_points, read_points
+from swardmap.io.door import through_door
 from swardmap.io.files import inside, read_bytes
 from swardmap.labels import GRASS_OBSTACLE_PERSON, LabelSet
 from swardmap.types import LabeledCloud
@@ -53,6 +54,7 @@ Classes = Mapping[str, str] | None
 MAX_TEXT_BYTES = 50_000_000
 
 
+@through_door("masks")
 def read_masks(
     path: str | Path,
     target: LabelSet = GRASS_OBSTACLE_PERSON,
@@ -110,6 +112,7 @@ def _joined(parts: list[Masks], where: str) -> Masks:
     return Masks(parts[0].label_set, readers, told, [note for part in parts for note in part.notes])
 
 
+@through_door("masks of CVAT")
 def read_cvat_masks(
     folder: str | Path,
     target: LabelSet = GRASS_OBSTACLE_PERSON,
@@ -133,6 +136,7 @@ def read_cvat_masks(
     return Masks(target, readers, guessed(colors, target, classes) if guess else None)
 
 
+@through_door("masks of CamVid")
 def read_camvid(
     folder: str | Path,
     target: LabelSet = GRASS_OBSTACLE_PERSON,
@@ -171,6 +175,7 @@ SPLITS = ("train", "valid", "test")
 """Folders of an export of Roboflow."""
 
 
+@through_door("an annotated cloud")
 def read_annotated_cloud(
     cloud: str | Path,
     names: str | Path,
@@ -214,7 +219,8 @@ def _indexed_mask(file: Path, colors: Mapping[str, Color | None], ids: Mapping[s
     table = np.array([ids[name] for name in colors], np.uint8)
     if image.max() >= len(table):
         raise InputError(f"{file}: index {image.max()} is beyond the {len(table)} classes")
-    return table[image]
+    mask: Mask = table[image]
+    return mask
 
 
 def _parse_labelmap(file: Path) -> dict[str, Color | None]:

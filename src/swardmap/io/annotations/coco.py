@@ -24,6 +24,7 @@ from swardmap.io.annotations.masks import (
     ids_by_name,
     runs_to_flat,
 )
+from swardmap.io.door import through_door
 from swardmap.io.files import read_bytes
 from swardmap.labels import GRASS_OBSTACLE_PERSON, LabelSet, Role
 
@@ -37,6 +38,7 @@ class Shape:
     box: Any
 
 
+@through_door("annotations of COCO")
 def read_coco(
     file: str | Path,
     target: LabelSet = GRASS_OBSTACLE_PERSON,

@@ -21,6 +21,7 @@ from swardmap.io.annotations.masks import (
     ids_by_name,
     runs_to_flat,
 )
+from swardmap.io.door import through_door
 from swardmap.io.files import read_bytes
 from swardmap.labels import GRASS_OBSTACLE_PERSON, LabelSet
 
@@ -30,6 +31,7 @@ NO_AREAS = ("tag",)
 """Says something of the whole image, and marks no place in it."""
 
 
+@through_door("annotations of CVAT")
 def read_cvat_xml(
     file: str | Path,
     target: LabelSet = GRASS_OBSTACLE_PERSON,

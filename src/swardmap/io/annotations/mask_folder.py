@@ -10,7 +10,8 @@ import numpy as np
 from swardmap.errors import InputError, SwardmapError
 from swardmap.io.annotations.image_names import original_name
 from swardmap.io.annotations.masks import BACKGROUND, Mask, Masks, add_reader, guessed, ids_by_name
-from swardmap.io.files import inside, new_output_folder, read_bytes, write_bytes, write_text
+from swardmap.io.files import inside, read_bytes, write_bytes, write_text
+from swardmap.io.folders import new_output_folder
 from swardmap.io.images import read_mask
 from swardmap.labels import GRASS_OBSTACLE_PERSON, VOID_ID, LabelClass, LabelSet, Role
 
@@ -36,7 +37,7 @@ def write_masks(masks: Masks, folder: str | Path, overwrite: bool = False) -> di
     import cv2
 
     counts = np.zeros(256, np.int64)
-    with new_output_folder(folder, overwrite) as out:
+    with new_output_folder(folder, overwrite, "masks") as out:
         for name, mask in masks.items():
             encoded = cv2.imencode(".png", mask)[1].tobytes()
             write_bytes(inside(out, f"{name}.png"), encoded, durable=False)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from swardmap.errors import InputError, InvalidValueError
 from swardmap.grid import MAX_CELLS
+from swardmap.io.door import reading, through_door
 from swardmap.io.files import inside, read_bytes
 from swardmap.labels import VOID_ID, LabelSet, Role
 from swardmap.mapping.polygons import points_inside
@@ -56,7 +57,9 @@ class Masks(Mapping[str, Mask]):
 
     def __getitem__(self, name: str) -> Mask:
         """The mask of one image, (H, W) uint8 ids of `label_set`."""
-        return self._readers[name]()
+        reader = self._readers[name]
+        with reading(name, "a mask"):
+            return reader()
 
     def name_of(self, frame: str) -> str | None:
         """Name of a frame's mask: the frame's own, or the only one of that name in any folder; else None."""
@@ -219,6 +222,7 @@ def colors_to_ids(image: NDArray[np.uint8], ids: Mapping[tuple[int, int, int], i
     return mask
 
 
+@through_door("a mask")
 def read_mask_image(path: Path) -> NDArray[np.uint8]:
     """A PNG or BMP as (H, W) indices or (H, W, 3) RGB, opacity left out.
 

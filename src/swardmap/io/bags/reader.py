@@ -5,13 +5,15 @@ definition is checked by digest, and unknown or broken definitions of other topi
 """
 
 import struct
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from swardmap.errors import InputError, SwardmapError
+from swardmap.io.bags.storage import check_file, message_count, storage_files, unpacked, unpacked_message
 
 TF_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 
@@ -38,13 +40,18 @@ class Bag:
     Attributes:
         path: the file or folder.
         topics: by name.
+        notes: what is odd about its files.
+        again: opens it once more, to be read beside this one; closed with it.
     """
 
-    def __init__(self, path: Path, reader: Any, store: Any, is_ros2: bool) -> None:
-        self.path = path
-        self._reader, self._store, self._is_ros2 = reader, store, is_ros2
+    def __init__(
+        self, path: Path, readers: Sequence[Any], store: Any, is_ros2: bool, again: Callable[[], "Bag"]
+    ) -> None:
+        self.path, self.again = path, again
+        self.notes: list[str] = []
+        self._readers, self._store, self._is_ros2 = readers, store, is_ros2
         self._connections: dict[str, list[Any]] = {}
-        for connection in reader.connections:
+        for connection in (c for reader in readers for c in reader.connections):
             self._connections.setdefault(connection.topic, []).append(connection)
         self.topics = {
             name: Topic(name, _full_type(found[0].msgtype), sum(c.msgcount for c in found))
@@ -58,21 +65,29 @@ class Bag:
         Raises:
             InputError: if the recording is damaged.
         """
-        chosen = [c for name in names for c in self._connections.get(name, [])]
-        if not chosen:
-            return
-        stream = self._reader.messages(chosen)
-        while True:
-            with _one_error(self.path):
-                found = next(stream, None)
-            if found is None:
-                return
-            connection, time_ns, data = found
-            yield connection.topic, time_ns, data
+        wanted = set(names)
+        for reader in self._readers:
+            chosen = [c for c in reader.connections if c.topic in wanted]
+            if not chosen:
+                continue
+            stream = reader.messages(chosen)
+            while True:
+                with _one_error(self.path):
+                    found = next(stream, None)
+                    if found is None:
+                        break
+                    connection, time_ns, data = found
+                    data = unpacked_message(data) if self._is_ros2 else data
+                yield connection.topic, time_ns, data
 
     def first(self, name: str) -> bytes | None:
         """Bytes of the first message of a topic."""
         return next((data for _, _, data in self.messages([name])), None)
+
+    def beginning(self, name: str, count: int = 5) -> Iterator[Any]:
+        """The first messages of a topic: drivers send an empty one before the sensor runs."""
+        for _, _, data in islice(self.messages([name]), count):
+            yield self.decode(name, data)
 
     def decode(self, name: str, data: bytes) -> Any:
         """The message, with the fields of its ROS definition as attributes.
@@ -94,8 +109,8 @@ class Bag:
         is_image = not self._is_ros2 and self.topics[name].type == "sensor_msgs/msg/Image"
         return appended_bytes(data) if is_image else b""
 
-    def header_stamp_ns(self, data: bytes, recorded_ns: int) -> int:
-        """Time in the header of a message that starts with one; that of recording if the header has none.
+    def header_stamp_ns(self, data: bytes) -> int:
+        """Time in the header of a message that starts with one; 0 if it was never set.
 
         Raises:
             InputError: if the message is shorter than a header.
@@ -106,7 +121,7 @@ class Bag:
                 seconds, nanoseconds = struct.unpack_from(f"{order}iI", data, 4)
             else:
                 seconds, nanoseconds = struct.unpack_from("<II", data, 4)
-        return (int(seconds) * 1_000_000_000 + int(nanoseconds)) or recorded_ns
+        return int(seconds) * 1_000_000_000 + int(nanoseconds)
 
     def _check_definition(self, name: str, kind: str) -> None:
         if name in self._checked:
@@ -128,7 +143,7 @@ class Bag:
 
 @contextmanager
 def open_bag(path: Path) -> Iterator[Bag]:
-    """Open a .bag, .db3 or .mcap file, or the folder of a ROS 2 bag.
+    """Open a .bag, .db3 or .mcap file, also packed (.zstd), or the folder of a ROS 2 bag.
 
     Raises:
         InputError: if it is none, is damaged, or may not be read.
@@ -138,22 +153,34 @@ def open_bag(path: Path) -> Iterator[Bag]:
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     is_ros2 = path.suffix != ".bag" or path.is_dir()
-    with _one_error(path):
-        for file in path.glob("*.db3") if path.is_dir() else [path]:
-            _check_length(file)
-        reader: Any = Reader2(path) if is_ros2 else Reader1(path)
-        reader.open()
-    try:
-        store = get_typestore(Stores.ROS2_JAZZY if is_ros2 else Stores.ROS1_NOETIC)
-        if not is_ros2:
-            for name in TF_TYPES:
-                store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", name))
+    store = get_typestore(Stores.ROS2_JAZZY if is_ros2 else Stores.ROS1_NOETIC)
+    if not is_ros2:
+        for name in TF_TYPES:
+            store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", name))
+    with ExitStack() as stack:
         with _one_error(path):
-            bag = Bag(path, reader, store, is_ros2)
+            files = stack.enter_context(unpacked(storage_files(path)))
+
+        def opened() -> Bag:
+            readers: list[Any] = []
+            with _one_error(path):
+                for file in files:
+                    check_file(file)
+                    readers.append(Reader2(file) if is_ros2 else Reader1(file))
+                    readers[-1].open()
+                    stack.callback(readers[-1].close)
+                return Bag(path, readers, store, is_ros2, opened)
+
+        bag = opened()
+        if is_ros2 and (said := message_count(path)) is not None:
+            _compare_counts(bag, said)
         yield bag
-    finally:
-        with _one_error(path):
-            reader.close()
+
+
+def _compare_counts(bag: Bag, said: int) -> None:
+    found = sum(topic.count for topic in bag.topics.values())
+    if found < said:
+        bag.notes.append(f"metadata.yaml names {said} messages, the files hold {found}: some are lost")
 
 
 def appended_bytes(data: bytes) -> bytes:
@@ -172,26 +199,6 @@ def appended_bytes(data: bytes) -> bytes:
     except struct.error:
         return b""
     return bytes(data[at:]) if len(data) - at == 4 else b""
-
-
-def _check_length(path: Path) -> None:
-    """SQLite notices that a file was cut off only when it comes to a page that is not there."""
-    if path.suffix != ".db3":
-        return
-    with path.open("rb") as file:
-        head = file.read(100)
-    if len(head) < 100:
-        raise InputError(f"{path}: expected an SQLite database, got {len(head)} bytes. Is it whole?")
-    (page_bytes,), (pages,) = struct.unpack(">H", head[16:18]), struct.unpack(">I", head[28:32])
-    expected = pages * (65536 if page_bytes == 1 else page_bytes)
-    number_is_valid = (
-        head.startswith(b"SQLite") and head[24:28] == head[92:96]
-    )  # the count of changes it was written with
-    if number_is_valid and path.stat().st_size < expected:
-        raise InputError(
-            f"{path}: the recording was cut off: it has {path.stat().st_size} of {expected} bytes. Copy it "
-            "again, or recover what is left with `sqlite3 FILE .recover`."
-        )
 
 
 def _full_type(name: str) -> str:

@@ -8,11 +8,18 @@ from numpy.typing import NDArray
 
 from swardmap.errors import InputError, InvalidValueError
 from swardmap.geometry import Float32Array, Float64Array, Intrinsics
-from swardmap.io.bags.ros_messages import ColorImage, DepthImage
+from swardmap.io.bags.encodings import ColorImage
+from swardmap.io.bags.ros_messages import DepthImage
 
-POLYNOMIAL = ("plumb_bob", "rational_polynomial", "Brown Conrady")
+POLYNOMIAL = ("plumb_bob", "rational_polynomial", "Brown Conrady", "Modified Brown Conrady")
+COEFFICIENTS = (4, 5, 8, 12, 14)
+"""Of a polynomial, in OpenCV's order: radial and tangential, rational, thin prism, tilted sensor."""
 INVERSE = ("Inverse Brown Conrady",)
 """librealsense's name for a polynomial that goes from the distorted pixel to the ideal one."""
+FISHEYE = ("equidistant", "fisheye", "Kannala Brandt4")
+"""Kannala and Brandt's model, OpenCV's cv2.fisheye: four coefficients; with all zero still a fisheye."""
+IDEAL = ("", "none", "None", "pinhole", *POLYNOMIAL, *INVERSE)
+"""Models that are a pinhole if all coefficients are zero."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,11 +30,13 @@ class Calibration:
         intrinsics: of the rectified image, which has the size of the image as taken.
         distortion: coefficients of the lens, OpenCV's order; empty where the image is ideal already.
         inverse: whether the polynomial goes from the distorted to the ideal pixel.
+        fisheye: whether the coefficients are those of an equidistant lens.
     """
 
     intrinsics: Intrinsics
     distortion: tuple[float, ...] = ()
     inverse: bool = False
+    fisheye: bool = False
     _maps: list[tuple[Float32Array, Float32Array]] = field(default_factory=list, repr=False)
 
     def rectify_color(self, image: ColorImage) -> ColorImage:
@@ -62,6 +71,9 @@ class Calibration:
         camera = self.intrinsics
         K, D = camera.matrix, np.array(self.distortion)
         size = (camera.width, camera.height)
+        if self.fisheye:
+            x, y = cv2.fisheye.initUndistortRectifyMap(K, D, np.eye(3), K, size, cv2.CV_32FC1)
+            return np.asarray(x), np.asarray(y)
         if not self.inverse:
             x, y = cv2.initUndistortRectifyMap(K, D, np.eye(3), K, size, cv2.CV_32FC1)
             return np.asarray(x), np.asarray(y)
@@ -95,13 +107,17 @@ def calibration_from_camera_info(message: Any, rectified: bool = False, topic: s
         intrinsics = _of_the_image(message, matrix)
     except InvalidValueError as error:
         raise InputError(f"{who}: {error}") from error
-    if rectified or not np.any(D):
-        return Calibration(intrinsics)
     model = message.distortion_model
-    if model not in POLYNOMIAL + INVERSE or len(D) not in (4, 5, 8) or not np.isfinite(D).all():
+    if rectified or (model in IDEAL and not np.any(D)):
+        return Calibration(intrinsics)
+    finite = bool(np.isfinite(D).all())
+    if model in FISHEYE and finite and len(D) in (0, 4):
+        return Calibration(intrinsics, tuple(float(c) for c in D) or (0.0,) * 4, fisheye=True)
+    if model not in POLYNOMIAL + INVERSE or len(D) not in COEFFICIENTS or not finite:
         raise InputError(
             f"{who}: lens model '{model}' with {len(D)} coefficients is not supported; expected "
-            f"{' or '.join(POLYNOMIAL[:2])}. Record a rectified topic (image_rect, from image_proc)."
+            f"{' or '.join((*POLYNOMIAL[:2], FISHEYE[0]))}. Record a rectified topic (image_rect, from "
+            "image_proc)."
         )
     return Calibration(intrinsics, tuple(float(c) for c in D), model in INVERSE)
 

@@ -4,7 +4,6 @@ Nothing of ROS is imported. The other direction, arrays to messages, is `ros_fie
 """
 
 import struct
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -12,36 +11,24 @@ from numpy.typing import NDArray
 
 from swardmap.errors import InputError
 from swardmap.geometry import Pose
+from swardmap.io.bags.encodings import (
+    DEPTH,
+    PLANAR,
+    STORED,
+    ColorImage,
+    is_color,
+    is_video,
+    to_rgb,
+    unfit_size,
+)
+from swardmap.io.bags.rvl import decode_rvl
 
-ColorImage = NDArray[np.uint8]
 DepthImage = NDArray[np.uint16] | NDArray[np.float32]
 
-_TYPE_OF_ENCODING: dict[str, tuple[str, int]] = {
-    "rgb8": ("u1", 3),
-    "bgr8": ("u1", 3),
-    "8UC3": ("u1", 3),
-    "rgba8": ("u1", 4),
-    "bgra8": ("u1", 4),
-    "8UC4": ("u1", 4),
-    "mono8": ("u1", 1),
-    "8UC1": ("u1", 1),
-    "16UC1": ("u2", 1),
-    "mono16": ("u2", 1),
-    "32FC1": ("f4", 1),
-}
-
-_TO_RGB: dict[str, Callable[[ColorImage], ColorImage]] = {
-    "rgb8": lambda image: image,
-    "bgr8": lambda image: image[..., ::-1],
-    "8UC3": lambda image: image[..., ::-1],  # OpenCV's order: cv_bridge writes it without a colour name
-    "rgba8": lambda image: image[..., :3],
-    "bgra8": lambda image: image[..., 2::-1],
-    "8UC4": lambda image: image[..., 2::-1],
-    "mono8": lambda image: np.broadcast_to(image[..., None], (*image.shape, 3)),
-    "8UC1": lambda image: np.broadcast_to(image[..., None], (*image.shape, 3)),
-}
-
-DEPTH_ENCODINGS = ("16UC1", "mono16", "32FC1")
+VIDEO_REMEDY = (
+    "a video stream means nothing picture by picture: record the raw or JPEG topic, or turn the recording "
+    "into one with `ros2 run image_transport republish`"
+)
 
 _DEPTH_HEADER = struct.Struct("<iff")
 """What compressed_depth_image_transport writes before the PNG: an enum and two quantisation parameters."""
@@ -65,27 +52,24 @@ def image_array(message: Any) -> NDArray[Any]:
     Raises:
         InputError: for an encoding that is not supported, or data of another size than said.
     """
-    encoding, height, width, step = message.encoding, message.height, message.width, message.step
-    if encoding.startswith("bayer"):
-        raise InputError(
-            f"image encoding '{encoding}' is a raw sensor mosaic: record the topic behind image_proc "
-            "(image_color, image_rect_color) instead"
-        )
-    if encoding not in _TYPE_OF_ENCODING:
-        known = ", ".join(_TYPE_OF_ENCODING)
-        raise InputError(f"image encoding '{encoding}' is not supported; expected one of {known}")
-    code, channels = _TYPE_OF_ENCODING[encoding]
+    encoding, height, width = message.encoding, message.height, message.width
+    if encoding not in STORED:
+        raise InputError(f"image encoding '{encoding}' is not supported; expected one of {', '.join(STORED)}")
+    code, channels = STORED[encoding]
     dtype = np.dtype(code).newbyteorder(">" if message.is_bigendian else "<")
     row = width * channels * dtype.itemsize
+    step = message.step or row
     data = np.frombuffer(message.data, np.uint8)
-    last_row_may_be_short = step * (height - 1) + row
-    if height <= 0 or width <= 0 or step < row or not last_row_may_be_short <= data.size <= step * height:
+    # of planar images some drivers count the rows of colour too, others do not
+    rows = height * 3 // 2 if encoding in PLANAR and data.size > step * height else height
+    last_row_may_be_short = step * (rows - 1) + row
+    if height <= 0 or width <= 0 or step < row or not last_row_may_be_short <= data.size <= step * rows:
         raise InputError(
-            f"image message: expected {height} rows of {step} bytes with {width} pixels '{encoding}' in "
+            f"image message: expected {rows} rows of {step} bytes with {width} pixels '{encoding}' in "
             f"each, got {data.size} bytes"
         )
-    rows = np.lib.stride_tricks.as_strided(data, (height, row), (step, 1), writeable=False)
-    pixels = np.ascontiguousarray(rows).view(dtype).reshape(height, width, channels)
+    lines = np.lib.stride_tricks.as_strided(data, (rows, row), (step, 1), writeable=False)
+    pixels = np.ascontiguousarray(lines).view(dtype).reshape(rows, width, channels)
     pixels = pixels.astype(dtype.newbyteorder("="), copy=False)
     return pixels[..., 0] if channels == 1 else pixels
 
@@ -97,11 +81,12 @@ def color_from_image(message: Any) -> ColorImage:
         InputError: for an encoding without colour or brightness, or data of another size than said.
     """
     pixels = image_array(message)
-    if message.encoding not in _TO_RGB:
-        raise InputError(
-            f"image encoding '{message.encoding}' is no colour image; expected one of {', '.join(_TO_RGB)}"
-        )
-    return np.ascontiguousarray(_TO_RGB[message.encoding](pixels))
+    if not is_color(message.encoding):
+        raise InputError(f"image encoding '{message.encoding}' is no colour image")
+    if (fault := unfit_size(message.encoding, pixels)) is not None:
+        size = f"{message.width} x {message.height} pixels"
+        raise InputError(f"image encoding '{message.encoding}': expected {fault}, got {size}")
+    return to_rgb(message.encoding, pixels)
 
 
 def depth_from_image(message: Any) -> DepthImage:
@@ -111,10 +96,9 @@ def depth_from_image(message: Any) -> DepthImage:
         InputError: for an encoding that is no depth, or data of another size than said.
     """
     pixels = image_array(message)
-    if message.encoding not in DEPTH_ENCODINGS:
+    if message.encoding not in DEPTH:
         raise InputError(
-            f"image encoding '{message.encoding}' is no depth image; expected one of "
-            f"{', '.join(DEPTH_ENCODINGS)}"
+            f"image encoding '{message.encoding}' is no depth image; expected one of {', '.join(DEPTH)}"
         )
     return pixels
 
@@ -129,6 +113,8 @@ def color_from_compressed(message: Any) -> ColorImage:
 
     if "compressedDepth" in message.format:
         raise InputError(f"expected a compressed colour image, got format '{message.format}'")
+    if is_video(message.format):
+        raise InputError(f"image format '{message.format}': {VIDEO_REMEDY}")
     image = _decoded(
         message, np.frombuffer(message.data, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
     )
@@ -139,30 +125,23 @@ def color_from_compressed(message: Any) -> ColorImage:
 
 
 def depth_from_compressed(message: Any) -> DepthImage:
-    """(H, W) depth of a compressedDepth message, or of a plain 16-bit PNG.
+    """(H, W) depth of a compressedDepth message (PNG or RVL), or of a plain 16-bit PNG.
 
-    16-bit depth is stored as it is. Of 32FC1, the PNG holds inverse depth in whole numbers:
+    16-bit depth is stored as it is. Of 32FC1, the file holds inverse depth in whole numbers:
     depth = A / (number - B), 0 = no reading (compressed_depth_image_transport, codec.cpp).
 
     Returns:
         (H, W) uint16 in the units of the recording, or float32 metres with NaN for no reading.
 
     Raises:
-        InputError: for RVL, a wrong header, or a file that cannot be decoded.
+        InputError: for a wrong header, or a file that cannot be decoded.
     """
-    import cv2
-
     form = message.format
-    if "rvl" in form.lower():
-        raise InputError(
-            f"compressed depth format '{form}' (RVL) is not supported: record the raw depth topic, or set "
-            "compressedDepth.format to png in the publisher"
-        )
     data = np.frombuffer(message.data, np.uint8)
     headed = data[: len(_PNG)].tobytes() != _PNG
     if headed and data.size <= _DEPTH_HEADER.size:
         raise InputError(f"compressed depth: expected a 12-byte header and a PNG, got {data.size} bytes")
-    numbers = _decoded(message, data[_DEPTH_HEADER.size :] if headed else data, cv2.IMREAD_UNCHANGED)
+    numbers = _depth_numbers(message, data[_DEPTH_HEADER.size :] if headed else data)
     if numbers.ndim != 2 or numbers.dtype != np.uint16:
         raise InputError(
             f"compressed depth image '{form}': expected one channel of 16 bits, got {numbers.dtype} of "
@@ -179,6 +158,14 @@ def depth_from_compressed(message: Any) -> DepthImage:
     with np.errstate(divide="ignore"):
         metres = np.float32(a) / inverse
     return np.where((numbers > 0) & (inverse > 0), metres, np.float32(np.nan))
+
+
+def _depth_numbers(message: Any, data: NDArray[np.uint8]) -> NDArray[Any]:
+    import cv2
+
+    if "rvl" in message.format.lower():
+        return decode_rvl(data.tobytes())
+    return _decoded(message, data, cv2.IMREAD_UNCHANGED)
 
 
 def _decoded(message: Any, data: NDArray[np.uint8], flags: int) -> NDArray[Any]:

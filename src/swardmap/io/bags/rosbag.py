@@ -1,73 +1,66 @@
 """Frames from ROS bags (1, 2 in SQLite and MCAP) and librealsense recordings, without ROS (Sec. 3.1).
 
-One pass through the recording: images are paired by time, wait for the pose of their time, are
-rectified, and depth is brought into the pixels of the colour image. Memory is bounded by the images
-that wait, not by the length of the recording.
+One pass through the recording: images are paired by time, wait for the pose of their time, are rectified, and
+depth is brought into the pixels of the colour image. Memory is bounded by the images that wait, not by the
+length of the recording.
 """
 
+from array import array
 from collections import Counter, deque
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from statistics import median
+from typing import Any
 
-from swardmap.config import SourceConfig
+from swardmap.config import CloudConfig, Config, SourceConfig
 from swardmap.errors import InputError, InvalidValueError
 from swardmap.geometry import Pose
+from swardmap.io.bags.frames import FrameBuilder
 from swardmap.io.bags.plan import BagPlan, make_plan
-from swardmap.io.bags.poses import add_message
+from swardmap.io.bags.pose_stream import REASON_TRANSFORM, PoseStream
 from swardmap.io.bags.reader import Bag, open_bag
-from swardmap.io.bags.tf import TransformBuffer
+from swardmap.io.bags.recorded_labels import LabelStore
+from swardmap.io.bags.stamps import StampFilter
+from swardmap.io.bags.storage import METADATA, is_storage
 from swardmap.io.sources.pairing import COLOR, DEPTH, Pair, Pairer
 from swardmap.io.sources.source import Source, Tally
-from swardmap.perception.align import align_depth_to_color
 from swardmap.types import Frame
 
-SUFFIXES = (".bag", ".db3", ".mcap")
+__all__ = ["REASON_DAMAGED", "REASON_POSE", "REASON_TRANSFORM", "open_source", "recognises"]
+
+WHOLE_CONFIG = True
+"""Depth that is aligned here is filtered before, as the configuration of clouds says."""
+
+WAITING_PAIRS = 30
+"""How many images wait for the transform after them; then transforms are read ahead by themselves."""
 
 REASON_POSE = "no pose of the camera at the time of the image"
 REASON_DAMAGED = "image that cannot be used"
-REASON_TRANSFORM = "transform that is no rotation or not finite"
-
-WAIT_NS = 2_000_000_000
-"""How long an image waits for the transform after it, in time of recording."""
-
-WAITING_PAIRS = 60
-"""How many images wait at most."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Raw:
-    """An image as it is in the recording."""
-
-    data: bytes
-    recorded_ns: int
+REASON_STAMP = "image whose time is far off from its neighbours'"
 
 
 def recognises(path: Path) -> bool:
-    """Whether it is a .bag, .db3 or .mcap file, or the folder of a ROS 2 bag."""
+    """Whether it is a .bag, .db3 or .mcap file (packed or not), or a folder of a ROS 2 bag."""
     if path.is_dir():
-        return (path / "metadata.yaml").is_file() and any(_storage_files(path))
-    return path.suffix in SUFFIXES
+        return (path / METADATA).is_file() or any(map(is_storage, path.iterdir()))
+    return path.suffix == ".bag" or is_storage(path)
 
 
-def open_source(path: Path, config: SourceConfig) -> Source:
+def open_source(path: Path, config: SourceConfig | Config) -> Source:
     """Open a recording and find its topics.
 
     Raises:
         InputError: if it cannot be read, or colour, depth, their cameras or their places to each other
             are missing or not to be told apart.
     """
-    if path.is_dir() and not (path / "metadata.yaml").is_file():
-        files = list(_storage_files(path))
-        if len(files) != 1:
-            raise InputError(
-                f"{path}: expected the folder of a ROS 2 bag, with metadata.yaml and its storage files; "
-                f"without metadata.yaml, open one .db3 or .mcap file. Found {len(files)} such files."
-            )
-        path = files[0]
+    source, cloud = (config.source, config.cloud) if isinstance(config, Config) else (config, CloudConfig())
     with open_bag(path) as bag:
-        recording = Recording(path, config, make_plan(bag, config))
-    return Source(path.name, recording.frame_count, None, recording.frames)
+        recording = Recording(path, source, cloud, make_plan(bag, source))
+    labels = recording.plan.labels
+    label_set = None if labels is None else labels.label_set
+    return Source(path.name, recording.frame_count, label_set, recording.frames)
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +69,7 @@ class Recording:
 
     path: Path
     config: SourceConfig
+    cloud: CloudConfig
     plan: BagPlan
 
     @property
@@ -84,102 +78,129 @@ class Recording:
         return len(range(self.plan.images)[self.config.start : self.config.stop : self.config.every])
 
     def frames(self, tally: Tally) -> Iterator[Frame]:
-        """The frames in order of time; those that cannot be used are counted, never guessed."""
-        poses = self.plan.poses
-        buffer = poses.new_buffer() if poses else TransformBuffer()
-        with open_bag(self.path) as bag:
-            for index, pair in self._pairs_with_poses(bag, buffer, tally.skipped):
-                pose = self._pose_at(buffer, pair.stamp_ns)
-                buffer.forget_before(pair.stamp_ns)
-                if poses and pose is None:
-                    tally.skip(REASON_POSE)
-                    continue
-                try:
-                    frame = self._frame(bag, index, pair, pose)
-                except (InputError, InvalidValueError) as error:
-                    tally.skip(REASON_DAMAGED, str(error))
-                    continue
-                yield frame
+        """The frames in order of time; those that cannot be used are counted, never guessed.
 
-    def _pairs_with_poses(
-        self, bag: Bag, buffer: TransformBuffer, skipped: Counter[str]
-    ) -> Iterator[tuple[int, Pair[_Raw]]]:
-        """The pairs chosen by start, stop and every, each as soon as its pose can be interpolated."""
-        waiting: deque[tuple[int, Pair[_Raw]]] = deque()
-        paired = 0
-        for now_ns, pair in self._events(bag, buffer, skipped):
+        Raises:
+            InputError: if what the recording says of poses or depth cannot be right.
+        """
+        for note in self.plan.notes:
+            tally.note(note)
+        builder, labels = FrameBuilder(self.plan, self.cloud), LabelStore()
+        with open_bag(self.path) as bag:
+            poses = self._poses(bag, tally)
+            tally.facts["images"] = builder.facts
+            for index, pair in self._ready(bag, poses, labels, tally):
+                pose = None
+                if poses is not None and (pose := poses.at(pair.stamp_ns)) is None:
+                    tally.skip(REASON_POSE, poses.why_not(pair.stamp_ns))
+                else:
+                    yield from self._frame(bag, builder, labels, index, pair, pose, tally)
+                if poses is not None:
+                    poses.forget_before(pair.stamp_ns)
+
+    def _poses(self, bag: Bag, tally: Tally) -> PoseStream | None:
+        if self.plan.poses is None:
+            return None
+        tolerance_ns = round(self.config.pose_tolerance_ms * 1e6)
+        stream = PoseStream(bag, self.plan.poses, tolerance_ns, tally)
+        tally.facts["poses"] = stream.facts
+        return stream
+
+    def _frame(
+        self,
+        bag: Bag,
+        builder: FrameBuilder,
+        labels: LabelStore,
+        index: int,
+        pair: Pair[bytes],
+        pose: Pose | None,
+        tally: Tally,
+    ) -> Iterator[Frame]:
+        topic = self.plan.labels
+        try:
+            rgb, depth = builder.decode(bag, pair.color, pair.depth)
+            mask = None if topic is None else labels.take(bag, topic, pair.stamp_ns)
+        except InputError as error:
+            tally.skip(REASON_DAMAGED, str(error))
+            return
+        builder.check_unit(depth)
+        try:
+            frame = builder.build(pair.stamp_ns, rgb, depth, mask, pose, f"{index:06d}")
+        except (InputError, InvalidValueError) as error:
+            tally.skip(REASON_DAMAGED, str(error))
+            return
+        yield frame
+
+    def _ready(
+        self, bag: Bag, poses: PoseStream | None, labels: LabelStore, tally: Tally
+    ) -> Iterator[tuple[int, Pair[bytes]]]:
+        """The pairs chosen by start, stop and every, numbered, each as soon as its pose can be known."""
+        config, waiting, index = self.config, deque[tuple[int, Pair[bytes]]](), 0
+        offsets_ns = array("q")
+        tally.facts["pairing"] = partial(_pairing_facts, offsets_ns)
+        for pair in self._pairs(bag, poses, labels, tally):
             if pair is not None:
-                if self.config.stop is not None and paired >= self.config.stop:
+                if config.stop is not None and index >= config.stop:
                     break
-                if self._is_chosen(paired):
-                    waiting.append((paired, pair))
-                paired += 1
-            while waiting and (len(waiting) > WAITING_PAIRS or self._is_ready(buffer, waiting[0][1], now_ns)):
+                if index >= config.start and (index - config.start) % config.every == 0:
+                    offsets_ns.append(abs(pair.depth_stamp_ns - pair.stamp_ns))
+                    waiting.append((index, pair))
+                index += 1
+            while waiting and (
+                poses is None or len(waiting) > WAITING_PAIRS or poses.encloses(waiting[0][1].stamp_ns)
+            ):
                 yield waiting.popleft()
         yield from waiting
 
-    def _events(
-        self, bag: Bag, buffer: TransformBuffer, skipped: Counter[str]
-    ) -> Iterator[tuple[int, Pair[_Raw] | None]]:
-        """Read on: time of recording with each new pair, or with None when a transform came."""
-        plan, pairer = self.plan, Pairer[_Raw](round(self.config.pair_tolerance_ms * 1e6))
-        kinds = {plan.color.name: COLOR, plan.depth.name: DEPTH}
-        pose_topics = plan.poses.topics if plan.poses else frozenset[str]()
-        now_ns = 0
-        for topic, now_ns, data in bag.messages([*kinds, *pose_topics]):
-            if topic in pose_topics:
-                add_message(buffer, bag.decode(topic, data))
-                skipped[REASON_TRANSFORM] = buffer.refused
-                yield now_ns, None
+    def _pairs(
+        self, bag: Bag, poses: PoseStream | None, labels: LabelStore, tally: Tally
+    ) -> Iterator[Pair[bytes] | None]:
+        """Pairs as they become certain, and None after each transform."""
+        plan, pairer = self.plan, Pairer[bytes](round(self.config.pair_tolerance_ms * 1e6))
+        streams = {
+            plan.color.name: (COLOR, StampFilter[bytes]()),
+            plan.depth.name: (DEPTH, StampFilter[bytes]()),
+        }
+        pose_topics = self.plan.poses.topics if self.plan.poses else frozenset[str]()
+        masks = frozenset({self.plan.labels.name}) if self.plan.labels else frozenset[str]()
+        for topic, recorded_ns, data in bag.messages([*streams, *pose_topics, *masks]):
+            if topic in masks:
+                labels.add(bag.header_stamp_ns(data), data)
                 continue
-            stamp_ns = bag.header_stamp_ns(data, now_ns)
-            for pair in pairer.add(kinds[topic], stamp_ns, _Raw(data, now_ns)):
-                yield now_ns, pair
-            skipped |= Counter(pairer.skipped)  # the larger count of each reason: those only grow
-        for pair in pairer.flush():
-            yield now_ns, pair
-        skipped |= Counter(pairer.skipped)
+            if poses is not None and topic in pose_topics:
+                poses.feed(topic, recorded_ns, data)
+                yield None
+                continue
+            kind, stamps = streams[topic]
+            for stamp_ns, image in stamps.add(bag.header_stamp_ns(data), recorded_ns, data):
+                yield from pairer.add(kind, stamp_ns, image)
+            self._count(pairer, streams, tally)
+        for kind, stamps in streams.values():
+            for stamp_ns, image in stamps.flush():
+                yield from pairer.add(kind, stamp_ns, image)
+        yield from pairer.flush()
+        self._count(pairer, streams, tally)
+        if poses is not None:
+            poses.end()
 
-    def _is_chosen(self, index: int) -> bool:
-        return index >= self.config.start and (index - self.config.start) % self.config.every == 0
-
-    def _is_ready(self, buffer: TransformBuffer, pair: Pair[_Raw], now_ns: int) -> bool:
-        """Whether the transform after the image has come, or is not to be waited for any longer."""
-        poses = self.plan.poses
-        if poses is None or now_ns - pair.color.recorded_ns > WAIT_NS:
-            return True
-        newest_ns = buffer.newest_ns(poses.map_frame, poses.camera_frame)
-        return newest_ns is not None and newest_ns >= pair.stamp_ns
-
-    def _pose_at(self, buffer: TransformBuffer, stamp_ns: int) -> Pose | None:
-        poses = self.plan.poses
-        if poses is None:
-            return None
-        tolerance_ns = round(self.config.pose_tolerance_ms * 1e6)
-        return buffer.lookup(poses.map_frame, poses.camera_frame, stamp_ns, tolerance_ns)
-
-    def _frame(self, bag: Bag, index: int, pair: Pair[_Raw], T_map_camera: Pose | None) -> Frame:
-        plan = self.plan
-        rgb = plan.color.color(bag.decode(plan.color.name, pair.color.data))
-        depth = plan.depth.depth(bag.decode(plan.depth.name, pair.depth.data))
-        rgb, depth = plan.color_camera.rectify_color(rgb), plan.depth_camera.rectify_depth(depth)
-        camera = plan.color_camera.intrinsics
-        if plan.T_color_depth is not None:
-            depth_camera = plan.depth_camera.intrinsics
-            depth = align_depth_to_color(depth, plan.depth_unit_m, depth_camera, camera, plan.T_color_depth)
-        return Frame(
-            pair.stamp_ns,
-            camera,
-            rgb,
-            depth,
-            plan.depth_unit_m,
-            T_map_camera,
-            name=f"{index:06d}",
-        )
+    def _count(
+        self, pairer: Pairer[bytes], streams: dict[str, tuple[str, StampFilter[bytes]]], tally: Tally
+    ) -> None:
+        dropped = sum(stamps.dropped for _, stamps in streams.values())
+        tally.skipped |= Counter({**pairer.skipped, REASON_STAMP: dropped})  # the larger: those only grow
+        for reason, said in pairer.first.items():
+            tally.first.setdefault(reason, said)
+        for topic, (_, stamps) in streams.items():
+            if stamps.dropped:
+                said = f"an image of {topic} of {stamps.first_dropped_ns / 1e9:.3f} s"
+                tally.first.setdefault(REASON_STAMP, said)
+            if stamps.unstamped:
+                tally.note(f"images of {topic} have no times: those of their recording are taken")
 
 
-def _storage_files(folder: Path) -> Iterator[Path]:
-    try:
-        yield from (p for p in sorted(folder.iterdir()) if p.suffix in (".db3", ".mcap"))
-    except OSError as error:
-        raise InputError(f"cannot list {folder}: {error}") from error
+def _pairing_facts(offsets_ns: "array[int]") -> dict[str, Any]:
+    """How far apart in time the images of a pair are."""
+    if not offsets_ns:
+        return {"pairs": 0}
+    middle, worst = median(offsets_ns) / 1e6, max(offsets_ns) / 1e6
+    return {"pairs": len(offsets_ns), "median_ms": round(middle, 3), "worst_ms": round(worst, 3)}

@@ -2,66 +2,40 @@
 
 import math
 from bisect import bisect_left, insort
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections import Counter
+from collections.abc import Mapping, Sequence
 
 from swardmap.errors import InputError
-from swardmap.geometry import Pose, interpolate_pose
-
-Sample = tuple[int, tuple[float, float, float], tuple[float, float, float, float]]
-"""stamp_ns, translation in metres, quaternion x y z w."""
-
-ALWAYS_NS = 2**63 - 1
-"""Newest time of a chain that consists of static transforms."""
-
-
-@dataclass(slots=True)
-class _Edge:
-    """A frame, its parent, and where it was in it."""
-
-    parent: str
-    static: Pose | None = None
-    samples: list[Sample] = field(default_factory=list)
-
-    def at(self, child: str, stamp_ns: int, tolerance_ns: int) -> Pose | None:
-        if self.static is not None:
-            return self.static
-        index = bisect_left(self.samples, stamp_ns, key=_stamp)
-        if index < len(self.samples) and self.samples[index][0] == stamp_ns:
-            return self._pose(child, index)
-        if index in (0, len(self.samples)):
-            return None
-        start, end = self.samples[index - 1][0], self.samples[index][0]
-        if end - start > tolerance_ns:
-            return None
-        fraction = (stamp_ns - start) / (end - start)
-        return interpolate_pose(self._pose(child, index - 1), self._pose(child, index), fraction)
-
-    def _pose(self, child: str, index: int) -> Pose:
-        _, translation, quaternion = self.samples[index]
-        return Pose.from_quaternion(self.parent, child, translation, quaternion)
+from swardmap.geometry import Pose
+from swardmap.io.bags.tf_edge import ALWAYS_NS, Edge, same_place, sample_of, stamp_of
 
 
 class TransformBuffer:
     """Transforms as they come from /tf and /tf_static, and lookups between any two frames of the tree.
 
     A lookup interpolates between the transforms before and after its time. It never takes the latest
-    transform in place of the right one, and never extrapolates.
+    transform in place of the right one, and never extrapolates. Only what lies on the way between two frames
+    is judged: a marker that two cameras see under two parents does no harm.
 
     Attributes:
-        refused: transforms left out for NaN, infinity or a quaternion that is not of length 1.
+        faults: transforms left out, by what is wrong with them, as tf2 leaves them out.
         late: transforms older than one that came before; they are sorted in.
     """
 
     def __init__(self) -> None:
-        self.refused = 0
+        self.faults: Counter[str] = Counter()
         self.late = 0
-        self._edges: dict[str, _Edge] = {}
+        self._edges: dict[str, dict[str, Edge]] = {}
+
+    @property
+    def refused(self) -> int:
+        """How many transforms were left out."""
+        return self.faults.total()
 
     @property
     def frames(self) -> frozenset[str]:
         """Names of all frames heard of."""
-        return frozenset(self._edges) | {edge.parent for edge in self._edges.values()}
+        return frozenset(self._edges) | {parent for edges in self._edges.values() for parent in edges}
 
     def add(
         self,
@@ -70,42 +44,41 @@ class TransformBuffer:
         stamp_ns: int,
         translation_m: Sequence[float],
         quaternion_xyzw: Sequence[float],
-    ) -> None:
+    ) -> bool:
         """Add where `child` was in `parent` at a time; the first of two at the same time stays.
 
-        Raises:
-            InputError: if the child has another parent already.
+        Returns:
+            Whether it was taken; if not, it is counted in `faults`.
         """
-        if not _is_rigid(translation_m, quaternion_xyzw):
-            self.refused += 1
-            return
-        edge = self._edge(parent, child)
-        x, y, z = map(float, translation_m)
-        qx, qy, qz, qw = map(float, quaternion_xyzw)
-        sample: Sample = (stamp_ns, (x, y, z), (qx, qy, qz, qw))
+        edge = self._edge(parent, child, translation_m, quaternion_xyzw)
+        if edge is None:
+            return False
+        sample = sample_of(stamp_ns, translation_m, quaternion_xyzw)
+        edge.compare(sample)
         if not edge.samples or stamp_ns > edge.samples[-1][0]:
             edge.samples.append(sample)
-            return
+            return True
         self.late += stamp_ns < edge.samples[-1][0]
-        index = bisect_left(edge.samples, stamp_ns, key=_stamp)
+        index = bisect_left(edge.samples, stamp_ns, key=stamp_of)
         if edge.samples[index][0] != stamp_ns:
-            insort(edge.samples, sample, key=_stamp)
+            insort(edge.samples, sample, key=stamp_of)
+        return True
 
     def add_static(
         self, parent: str, child: str, translation_m: Sequence[float], quaternion_xyzw: Sequence[float]
-    ) -> None:
+    ) -> bool:
         """Add where `child` is in `parent` at all times; a later one replaces it.
 
-        Raises:
-            InputError: for NaN, a quaternion that is not of length 1, or a second parent.
+        Returns:
+            Whether it was taken; if not, it is counted in `faults`.
         """
-        if not _is_rigid(translation_m, quaternion_xyzw):
-            raise InputError(
-                f"static transform {parent} <- {child}: expected three finite numbers and a quaternion of "
-                f"length 1, got {tuple(translation_m)} and {tuple(quaternion_xyzw)}"
-            )
-        pose = Pose.from_quaternion(_name(parent), _name(child), translation_m, quaternion_xyzw)
-        self._edge(parent, child).static = pose
+        edge = self._edge(parent, child, translation_m, quaternion_xyzw)
+        if edge is None:
+            return False
+        edge.static = sample_of(ALWAYS_NS, translation_m, quaternion_xyzw)
+        for sample in edge.samples[-1:]:
+            edge.compare(sample)
+        return True
 
     def lookup(self, parent: str, child: str, stamp_ns: int, tolerance_ns: int) -> Pose | None:
         """Pose T_parent_child at a time.
@@ -139,50 +112,101 @@ class TransformBuffer:
         up, down = self._ways(_name(parent), _name(child))
         if up is None or down is None:
             return None
-        edges = [self._edges[name] for name in (*up, *down)]
-        return min((e.samples[-1][0] for e in edges if e.static is None), default=ALWAYS_NS)
+        edges = [self._up(name) for name in (*up, *down)]
+        return min((e.samples[-1][0] for e in edges if not e.is_static), default=ALWAYS_NS)
+
+    def way(self, parent: str, child: str) -> list[tuple[str, str, bool]]:
+        """Edges between two frames as (parent, child, whether it moves), from the child on; empty if none."""
+        up, down = self._ways(_name(parent), _name(child))
+        names = [*(up or []), *reversed(down or [])] if up is not None and down is not None else []
+        return [(self._up(name).parent, name, not self._up(name).is_static) for name in names]
+
+    def conflicts(self, parent: str, child: str) -> list[tuple[str, str]]:
+        """Edges between two frames that came as static and as moving, and differ."""
+        edges = [(p, c, self._up(c)) for p, c, _ in self.way(parent, child)]
+        return [(p, c) for p, c, edge in edges if edge.static and edge.moves]
+
+    def root_of(self, name: str) -> tuple[str, bool]:
+        """The frame above all others that a frame hangs on, and whether the frame moved in it."""
+        chain = self._ancestors(_name(name))
+        edges = [self._up(n) for n in chain[:-1]]
+        return chain[-1], any(not same_place(e.samples[0], s) for e in edges for s in e.samples[1:])
+
+    def why_not(
+        self, parent: str, child: str, stamp_ns: int, tolerance_ns: int, spans: Mapping[str, tuple[int, int]]
+    ) -> str:
+        """What a lookup failed for, for a person; `spans`: first and last times, with those forgotten."""
+        for above, name, moves in self.way(parent, child):
+            edge = self._up(name)
+            if not moves or edge.at(name, stamp_ns, tolerance_ns) is not None:
+                continue
+            at = stamp_ns / 1e9
+            first, last = (t / 1e9 for t in spans.get(name, (edge.samples[0][0], edge.samples[-1][0])))
+            if not first <= at <= last:
+                return (
+                    f"{above} <- {name} is known from {first:.3f} to {last:.3f} s, the image is of {at:.3f} s"
+                )
+            after = bisect_left(edge.samples, stamp_ns, key=stamp_of)
+            gap_ms = (edge.samples[after][0] - edge.samples[after - 1][0]) / 1e6
+            return f"{above} <- {name} has a gap of {gap_ms:.0f} ms at {at:.3f} s"
+        return f"tf has no way between '{_name(parent)}' and '{_name(child)}'"
 
     def forget_before(self, stamp_ns: int) -> None:
         """Drop transforms that no lookup at or after a time can need."""
-        for edge in self._edges.values():
-            keep_from = bisect_left(edge.samples, stamp_ns, key=_stamp) - 1
-            if keep_from > 0:
-                del edge.samples[:keep_from]
+        for edges in self._edges.values():
+            for edge in edges.values():
+                keep_from = bisect_left(edge.samples, stamp_ns, key=stamp_of) - 1
+                if keep_from > 0:
+                    del edge.samples[:keep_from]
 
-    def _edge(self, parent: str, child: str) -> _Edge:
+    def _edge(
+        self, parent: str, child: str, translation_m: Sequence[float], quaternion_xyzw: Sequence[float]
+    ) -> Edge | None:
+        """Where a transform belongs; None if it cannot be one."""
         parent, child = _name(parent), _name(child)
         if not parent or not child or parent == child:
-            raise InputError(f"transform '{parent}' <- '{child}': expected the names of two frames")
-        edge = self._edges.setdefault(child, _Edge(parent))
-        if edge.parent != parent:
-            raise InputError(
-                f"frame '{child}' has two parents in tf: '{edge.parent}' and '{parent}'. Which is right "
-                "cannot be told; filter the recording so that one is left."
-            )
-        return edge
+            self.faults[f"transform '{parent}' <- '{child}' does not name two frames"] += 1
+            return None
+        if not _is_rigid(translation_m, quaternion_xyzw):
+            self.faults[f"transform {parent} <- {child} is no rotation and translation, or not finite"] += 1
+            return None
+        return self._edges.setdefault(child, {}).setdefault(parent, Edge(parent))
+
+    def _up(self, name: str) -> Edge:
+        return next(iter(self._edges[name].values()))
 
     def _ancestors(self, name: str) -> list[str]:
-        """The frame, its parent, and so on to the root."""
+        """The frame, its parent, and so on to the root, or to the first frame with more than one parent."""
         chain = [name]
-        while chain[-1] in self._edges:
-            chain.append(self._edges[chain[-1]].parent)
+        while len(self._edges.get(chain[-1], ())) == 1:
+            chain.append(self._up(chain[-1]).parent)
             if chain[-1] in chain[:-1]:
                 raise InputError(f"the frames of tf go round in a circle: {' <- '.join(chain)}")
         return chain
 
     def _ways(self, parent: str, child: str) -> tuple[list[str] | None, list[str] | None]:
-        """Frames to climb from child and from parent until both are at the same frame."""
+        """Frames to climb from child and from parent until both are at the same frame.
+
+        Raises:
+            InputError: if a frame on the way has two parents.
+        """
         from_child, from_parent = self._ancestors(child), self._ancestors(parent)
         for count, name in enumerate(from_child):
             if name in from_parent:
                 return from_child[:count], from_parent[: from_parent.index(name)]
+        for name in (from_child[-1], from_parent[-1]):
+            if len(parents := self._edges.get(name, {})) > 1:
+                raise InputError(
+                    f"frame '{name}' has two parents in tf: {' and '.join(map(repr, parents))}. Which is "
+                    "right cannot be told; filter the recording so that one is left."
+                )
         return None, None
 
     def _climb(self, start: str, names: list[str], stamp_ns: int, tolerance_ns: int) -> Pose | None:
         """Pose of `start` in the parent of the last of `names`."""
         pose = Pose.identity(start, start)
         for name in names:
-            step = self._edges[name].at(name, stamp_ns, tolerance_ns)
+            step = self._up(name).at(name, stamp_ns, tolerance_ns)
             if step is None:
                 return None
             pose = step @ pose
@@ -193,10 +217,6 @@ def _is_rigid(translation_m: Sequence[float], quaternion_xyzw: Sequence[float]) 
     """Whether all numbers are finite and the quaternion has length 1 within 1 %."""
     finite = all(math.isfinite(v) for v in (*translation_m, *quaternion_xyzw))
     return finite and abs(math.hypot(*quaternion_xyzw) - 1) < 0.01
-
-
-def _stamp(sample: Sample) -> int:
-    return sample[0]
 
 
 def _name(frame_id: str) -> str:

@@ -2,13 +2,15 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import takewhile
 from typing import Any
 
 from swardmap.config import SourceConfig
 from swardmap.errors import InputError
+from swardmap.io.bags.encodings import ColorImage, is_color, is_gray, is_video
 from swardmap.io.bags.reader import Bag, Topic
 from swardmap.io.bags.ros_messages import (
-    ColorImage,
+    VIDEO_REMEDY,
     DepthImage,
     color_from_compressed,
     color_from_image,
@@ -20,9 +22,10 @@ IMAGE = "sensor_msgs/msg/Image"
 COMPRESSED = "sensor_msgs/msg/CompressedImage"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 
-_COLOR_CODES = ("rgb8", "bgr8", "rgba8", "bgra8", "8UC3", "8UC4")
-_GRAY_CODES = ("mono8", "8UC1")
-_ALIGNED = ("aligned_depth", "registered")
+_ALIGNED = ("aligned_depth", "registered", "depth_to_rgb", "depth_to_color")
+_DEPTH_NAMES = ("depth", "stereo")
+_RENDERED = ("rgb_to_depth", "color_to_depth")
+_VIDEO_TYPES = ("FFMPEGPacket", "CompressedVideo")
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,20 +72,20 @@ class _Candidate:
     @property
     def is_depth(self) -> bool:
         code = self.code.split(";")[0].strip()
-        named = "depth" in self.topic.name.lower()
+        named = any(word in self.topic.name.lower() for word in _DEPTH_NAMES)
         return code in ("16UC1", "32FC1") or "compressedDepth" in self.code or (code == "mono16" and named)
 
     @property
     def is_color(self) -> bool:
         if self.topic.type == COMPRESSED:
-            return not self.is_depth
-        return self.code in _COLOR_CODES + _GRAY_CODES
+            return not self.is_depth and not is_video(self.code)
+        return is_color(self.code)
 
     @property
-    def color_rank(self) -> tuple[bool, bool]:
-        """Colour before gray (which may be an infrared image), rectified before raw."""
-        gray = self.code.split(";")[0].strip() in _GRAY_CODES
-        return not gray, "rect" in self.topic.name
+    def color_rank(self) -> tuple[bool, bool, bool]:
+        """Colour before gray (perhaps infrared), as seen before re-rendered, rectified before raw."""
+        seen = not any(word in self.topic.name for word in _RENDERED)
+        return not is_gray(self.code), seen, "rect" in self.topic.name
 
     @property
     def depth_rank(self) -> tuple[bool, bool]:
@@ -90,60 +93,111 @@ class _Candidate:
         return any(word in self.topic.name for word in _ALIGNED), "rect" in self.topic.name
 
 
-def choose_topics(bag: Bag, config: SourceConfig) -> tuple[ImageTopic, ImageTopic]:
-    """The colour and the depth topic: as configured, else the only best candidate of each.
+def choose_topics(bag: Bag, config: SourceConfig, notes: list[str]) -> tuple[ImageTopic, ImageTopic]:
+    """The colour and the depth topic of one camera: as configured, else the only best candidate of each.
+
+    Args:
+        bag: the recording.
+        config: topics that are named.
+        notes: gets what was taken for granted.
 
     Raises:
         InputError: if a configured topic is not there or holds no such images, or there is none or more
             than one to choose from; the message lists the topics.
     """
     candidates = _candidates(bag)
-    color = _choose(
-        bag, candidates, "color", config.color_topic, lambda c: c.is_color, lambda c: c.color_rank
-    )
-    depth = _choose(
-        bag, candidates, "depth", config.depth_topic, lambda c: c.is_depth, lambda c: c.depth_rank
-    )
+    if config.color_topic is None and config.depth_topic is not None:
+        depth = _choose_depth(bag, candidates, candidates, config)
+        color = _choose_color(bag, candidates, _of_camera(depth, candidates, lambda c: c.is_color), config)
+    else:
+        color = _choose_color(bag, candidates, candidates, config)
+        depth = _choose_depth(bag, candidates, _of_camera(color, candidates, lambda c: c.is_depth), config)
+    if is_gray(color.code):
+        notes.append(f"the images of {color.topic.name} are gray ({color.code}): no colour tells grass")
     return (
         _with_info(bag, color, config.color_info_topic),
         _with_info(bag, depth, config.depth_info_topic),
     )
 
 
+Candidates = Mapping[str, _Candidate]
+Fits = Callable[[_Candidate], bool]
+
+
+def _choose_color(bag: Bag, every: Candidates, some: Candidates, config: SourceConfig) -> _Candidate:
+    wanted = config.color_topic
+    return _choose(bag, every, some, "color", wanted, lambda c: c.is_color, lambda c: c.color_rank)
+
+
+def _choose_depth(bag: Bag, every: Candidates, some: Candidates, config: SourceConfig) -> _Candidate:
+    wanted = config.depth_topic
+    return _choose(bag, every, some, "depth", wanted, lambda c: c.is_depth, lambda c: c.depth_rank)
+
+
+def _of_camera(chosen: _Candidate, candidates: Candidates, fits: Fits) -> Candidates:
+    """Of the candidates of a kind, those nearest by name to one already chosen, best those of its frame.
+
+    The depth that a second camera aligned to its own colour image is never that of the first.
+    """
+    fitting = [c for c in candidates.values() if fits(c)]
+    common = {c.topic.name: _common_levels(c.topic.name, chosen.topic.name) for c in fitting}
+    near = [c for c in fitting if common[c.topic.name] == max(common.values())]
+    same_frame = [c for c in near if c.frame_id == chosen.frame_id]
+    return {c.topic.name: c for c in same_frame or near}
+
+
+def _common_levels(one: str, other: str) -> int:
+    """How many namespaces two topics share."""
+    levels = zip(one.strip("/").split("/")[:-1], other.strip("/").split("/")[:-1], strict=False)
+    return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], levels))
+
+
 def _candidates(bag: Bag) -> dict[str, _Candidate]:
-    found = {}
-    for topic in bag.topics.values():
-        if topic.type not in (IMAGE, COMPRESSED):
-            continue
-        data = bag.first(topic.name)
-        if data is None:
-            continue
-        message = bag.decode(topic.name, data)
+    topics = [t for t in bag.topics.values() if t.type in (IMAGE, COMPRESSED)]
+    found = {topic.name: _candidate(bag, topic) for topic in topics}
+    return {name: candidate for name, candidate in found.items() if candidate is not None}
+
+
+def _candidate(bag: Bag, topic: Topic) -> _Candidate | None:
+    """What the first message of a topic that is not empty holds."""
+    found: _Candidate | None = None
+    for message in bag.beginning(topic.name):
         code = message.encoding if topic.type == IMAGE else message.format
-        found[topic.name] = _Candidate(topic, code, message.header.frame_id.strip("/"))
+        found = _Candidate(topic, code, message.header.frame_id.strip("/"))
+        if code and len(message.data):
+            break
     return found
 
 
 def _choose(
     bag: Bag,
-    candidates: Mapping[str, _Candidate],
+    candidates: Candidates,
+    some: Candidates,
     what: str,
     wanted: str | None,
-    fits: Callable[[_Candidate], bool],
-    rank: Callable[[_Candidate], tuple[bool, bool]],
+    fits: Fits,
+    rank: Callable[[_Candidate], tuple[bool, ...]],
 ) -> _Candidate:
     if wanted is not None:
         if wanted in candidates and (fits(candidates[wanted]) or candidates[wanted].code == "mono16"):
             return candidates[wanted]
         problem = f"{what}_topic '{wanted}' holds no {what} images"
         raise InputError(_with_table(bag, candidates, problem))
-    fitting = _without_doubles([c for c in candidates.values() if fits(c)])
+    fitting = _without_doubles([c for c in some.values() if fits(c)])
     best = [c for c in fitting if rank(c) == max(map(rank, fitting))]
     if len(best) == 1:
         return best[0]
     problem = f"{len(best)} topics could be the {what} image" if best else f"no topic with {what} images"
-    remedy = f"; choose one with --set source.{what}_topic=..." if best else ""
+    remedy = (
+        f"; choose one with --set source.{what}_topic=..." if best else _video_remedy(bag, candidates, what)
+    )
     raise InputError(_with_table(bag, candidates, problem + remedy))
+
+
+def _video_remedy(bag: Bag, candidates: Candidates, what: str) -> str:
+    names = [name for name, c in candidates.items() if is_video(c.code)]
+    names += [t.name for t in bag.topics.values() if t.type.rsplit("/", 1)[-1] in _VIDEO_TYPES]
+    return f"; {', '.join(names)}: {VIDEO_REMEDY}" if names and what == "color" else ""
 
 
 def _without_doubles(candidates: list[_Candidate]) -> list[_Candidate]:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from swardmap.errors import InputError, InvalidValueError, OutputError
 from swardmap.io.clouds import pcd, ply
 from swardmap.io.clouds.bin_files import KITTI_POINT, find_labels, points_of_bin
+from swardmap.io.door import through_door
 from swardmap.io.files import read_bytes, write_bytes, write_together
 from swardmap.labels import LabelClass, LabelSet, Role
 from swardmap.types import LabeledCloud
@@ -84,6 +85,7 @@ def write_ply(cloud: LabeledCloud, path: str | Path, ascii_text: bool = False) -
     write_bytes(path, ply.encode_ply(_filled(cloud, ply.POINT), _own_comment(cloud), ascii_text))
 
 
+@through_door("a labelled cloud")
 def read_cloud(
     path: str | Path,
     label_set: LabelSet | None = None,
@@ -107,6 +109,7 @@ def read_cloud(
     return label_points(points, label_set, names, frame_id, unlabeled)
 
 
+@through_door("a cloud")
 def read_points(path: str | Path, point_floats: int | None = None) -> Points:
     """Read a cloud file as it is, every point kept.
 

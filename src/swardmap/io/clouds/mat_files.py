@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swardmap.errors import InputError
+from swardmap.io.door import through_door
 from swardmap.io.files import read_bytes, write_bytes
 
 MAX_BYTES = 512 * 2**20
@@ -32,6 +33,7 @@ CLASS_TYPES = {
 COMPLEX = 0x0800
 
 
+@through_door("a .mat file")
 def read_mat(file: Path, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
     """Read named arrays of real numbers.
 

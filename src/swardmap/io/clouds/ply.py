@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from swardmap.errors import InputError
+from swardmap.errors import InputError, shortened
 from swardmap.io.number_tables import as_kind, format_table, parse_table
 
 COMMENT = "comment swardmap "
@@ -118,7 +118,7 @@ def _parse_header(content: bytes, name: str) -> tuple[str, list[_Element], str, 
         elif words == ["end_header"]:
             break
         elif words and words[0] not in ("ply", "comment", "obj_info"):
-            raise InputError(f"{name}: damaged PLY header: '{line[:80]}'")
+            raise InputError(f"{name}: damaged PLY header: {shortened(line)}")
     if encoding not in ENCODINGS:
         raise InputError(f"{name}: expected format {', '.join(ENCODINGS)}, got '{encoding}'")
     return encoding, elements, comment, at

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from swardmap.config import AreaConfig
 from swardmap.config.outputs import YAML_SUFFIXES
 from swardmap.errors import InputError, InvalidValueError
+from swardmap.io.door import parse_yaml, through_door
 from swardmap.io.files import read_bytes
 from swardmap.io.maps.area_roles import Found, role_of
 from swardmap.io.maps.kml import KML_DAMAGE, from_kml
@@ -56,7 +57,7 @@ def read_metric_area(path: str | Path, frame_id: str = "map", cost: int = 254) -
     import yaml
 
     try:
-        tree = yaml.safe_load(read_bytes(path, MAX_BYTES))
+        tree = parse_yaml(read_bytes(path, MAX_BYTES), path)
         corners = np.asarray(tree["polygon_m"], np.float64)
     except (yaml.YAMLError, *DAMAGE) as error:
         raise InputError(
@@ -68,6 +69,7 @@ def read_metric_area(path: str | Path, frame_id: str = "map", cost: int = 254) -
         raise InputError(f"{path}: {error}") from error
 
 
+@through_door("GeoJSON or KML")
 def read_polygons(path: str | Path) -> tuple[tuple[Polygon, ...], dict[str, int]]:
     """Read the polygons of a GeoJSON or KML file; which one it is shows in its first character.
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from swardmap.errors import InputError, InvalidValueError
 from swardmap.grid import GridSpec, OccupancyGrid
+from swardmap.io.door import through_door
 from swardmap.io.files import inside, read_bytes, write_together
 from swardmap.io.maps.map_images import GreyImage, decode_grey, encode_pgm
 from swardmap.io.maps.map_yaml import MapDescription, description_text, nav_value_of_grey, read_description
@@ -66,6 +67,7 @@ def write_costmap(costmap: Costmap, path: str | Path) -> Path:
     return head
 
 
+@through_door("a map")
 def read_map(path: str | Path, ignore_yaw: bool = False) -> OccupancyGrid:
     """Read a map: ours with every class, any other of map_server's as unknown, grass and obstacle.
 
@@ -90,6 +92,7 @@ def read_map(path: str | Path, ignore_yaw: bool = False) -> OccupancyGrid:
     return OccupancyGrid(spec, classes, _stamp_ns(description, path))
 
 
+@through_door("a map")
 def read_nav_values(path: str | Path, ignore_yaw: bool = False) -> tuple[GridSpec, NDArray[np.int8]]:
     """Read a map exactly as map_server does: nav_msgs values -1..100, row 0 at the bottom.
 
@@ -101,6 +104,7 @@ def read_nav_values(path: str | Path, ignore_yaw: bool = False) -> tuple[GridSpe
     return spec, values
 
 
+@through_door("a costmap")
 def read_costmap(path: str | Path) -> Costmap:
     """Read a costmap that `write_costmap` wrote, with nothing lost.
 

@@ -36,7 +36,7 @@ def decode_grey(content: bytes, name: str) -> GreyImage:
 
 
 def check_image(content: bytes, name: str) -> None:
-    """Refuse what is no whole PNG or BMP of a sane size, before OpenCV sees it.
+    """Refuse what is no whole PNG or BMP of a sane size, before OpenCV sees it (see `image_headers`).
 
     Raises:
         InputError: saying what is wrong.

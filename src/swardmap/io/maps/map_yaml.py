@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from swardmap.errors import InputError
 from swardmap.grid import GridSpec
+from swardmap.io.door import parse_yaml, through_door
 from swardmap.io.files import read_bytes
 
 Mode = Literal["trinary", "scale", "raw"]
@@ -43,13 +44,14 @@ class MapDescription:
     extra: Mapping[str, Any]
 
 
+@through_door("the YAML of a map")
 def read_description(path: str | Path) -> MapDescription:
     """Read and check the YAML file of a map."""
     import yaml
 
     content = read_bytes(path, MAX_YAML_BYTES)
     try:
-        tree = yaml.safe_load(content)
+        tree = parse_yaml(content, path)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         first = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise InputError(f"{path}: not readable as YAML: {first}") from error

@@ -1,8 +1,6 @@
 """Maps and costmaps as NumPy archives: one file, nothing lost, no image reader needed."""
 
 import io
-import zipfile
-import zlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
@@ -10,13 +8,15 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from swardmap.errors import InputError, InvalidValueError
 from swardmap.grid import GridSpec, OccupancyGrid
+from swardmap.io.door import parse_npz, reading
 from swardmap.io.files import read_bytes, write_bytes
 from swardmap.labels import MapClass
 from swardmap.mapping.costmap import Costmap
 
 T = TypeVar("T")
+
+MAX_FILE_BYTES = 2**30
 
 
 def write_npz(grid: OccupancyGrid | Costmap, path: str | Path) -> None:
@@ -74,24 +74,8 @@ def read_archive(path: str | Path, what: str, build: Callable[[dict[str, NDArray
     Args:
         path: the archive; nothing in it is unpickled.
         what: it is expected to hold, for the message.
-        build: makes it of the arrays; may raise ValueError, KeyError and the like.
+        build: makes it of the arrays; may raise what it likes.
     """
-    content = read_bytes(path)
-    try:
-        with np.load(io.BytesIO(content), allow_pickle=False) as archive:
-            return build({name: archive[name] for name in archive.files})
-    except (
-        InvalidValueError,  # before ValueError, of which it is one
-        ValueError,
-        KeyError,
-        TypeError,
-        OSError,
-        EOFError,
-        MemoryError,
-        OverflowError,
-        RuntimeError,
-        NotImplementedError,
-        zipfile.BadZipFile,
-        zlib.error,
-    ) as error:
-        raise InputError(f"{path}: expected {what} written by swardmap: {error}") from error
+    expected = f"{what} written by swardmap"
+    with reading(path, expected):
+        return build(parse_npz(read_bytes(path, MAX_FILE_BYTES), path, what=expected))

@@ -15,6 +15,7 @@ from typing import Any
 
 from swardmap.errors import InputError, SwardmapError
 from swardmap.geometry import Intrinsics
+from swardmap.io.door import parse_yaml, through_door
 from swardmap.io.files import read_bytes
 from swardmap.labels import LabelClass, LabelSet, Role
 
@@ -52,6 +53,7 @@ class LabelTable:
     camera: Intrinsics | None = None
 
 
+@through_door("a table of labels")
 def read_label_table(file: Path) -> LabelTable:
     """Read a label table.
 
@@ -61,7 +63,7 @@ def read_label_table(file: Path) -> LabelTable:
     import yaml
 
     try:
-        tree = yaml.safe_load(read_bytes(file, MAX_FILE_BYTES))
+        tree = parse_yaml(read_bytes(file, MAX_FILE_BYTES), file)
     except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError) as error:
         raise InputError(f"{file}: expected YAML, got: {str(error).splitlines()[0]}") from error
     if not isinstance(tree, dict) or not tree:

@@ -5,12 +5,14 @@
     RECORDING/depth/NAME.png      16-bit depth, or .tif or .npy of uint16 or float32
     RECORDING/poses.txt           optional: NAME stamp_ns tx ty tz qx qy qz qw, the pose T_map_camera
     RECORDING/labels/NAME.png     optional: 8-bit true class ids
+    RECORDING/exact/              optional: the same recording with exact depth, for evaluations
+    RECORDING/instances/, ...     optional: which thing each pixel is, and the true ground (see `truth`)
 
 Frames are taken in the order of poses.txt, or of their names if there is none. See docs/recordings.md.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -20,9 +22,12 @@ import numpy as np
 from swardmap.config import SourceConfig
 from swardmap.errors import InputError, InvalidValueError, SwardmapError
 from swardmap.geometry import Intrinsics, Pose
-from swardmap.io.files import inside, new_output_folder, read_bytes, write_bytes, write_text
+from swardmap.io.door import parse_yaml
+from swardmap.io.files import inside, read_bytes, write_bytes, write_text
+from swardmap.io.folders import new_output_folder
 from swardmap.io.images import DEPTH_SUFFIXES, encode_png, read_color, read_depth, read_mask
 from swardmap.io.sources.source import Source, Tally
+from swardmap.io.sources.truth import read_truth
 from swardmap.labels import GRASS_OBSTACLE_PERSON, LabelClass, LabelSet
 from swardmap.types import Frame
 
@@ -69,6 +74,16 @@ class Folder:
                 tally.skip(f"no {part} image", f"frame {entry.name} has no {part} image")
                 continue
             yield self._read(entry, color, depth)
+
+    def clean_frame(self, entry: Entry) -> Frame | None:
+        """A frame with the exact depth of the folder `exact`; None if there is none."""
+        exact = self.path / "exact"
+        color = _file_of(self.path / "rgb", entry.name, COLOR_SUFFIXES)
+        depth = _file_of(exact / "depth", entry.name, DEPTH_SUFFIXES)
+        if color is None or depth is None:
+            return None
+        unit = _read_camera(exact / CAMERA_FILE, None).depth_unit_m
+        return replace(self._read(entry, color, depth), depth_unit_m=unit)
 
     def _read(self, entry: Entry, color: Path, depth: Path) -> Frame:
         camera = self.camera
@@ -120,7 +135,14 @@ def open_source(path: Path, config: SourceConfig) -> Source:
     chosen = entries[config.start : config.stop : config.every]
     folder = Folder(path, camera, has_labels=(path / "labels").is_dir())
     label_set = camera.label_set if folder.has_labels else None
-    return Source(path.resolve().name, len(chosen), label_set, partial(folder.frames, chosen))
+    return Source(
+        path.resolve().name,
+        len(chosen),
+        label_set,
+        partial(folder.frames, chosen),
+        clean_frame=lambda position: folder.clean_frame(chosen[position]),
+        truth=lambda position: read_truth(path, chosen[position].name),
+    )
 
 
 def write_folder(frames: Iterable[Frame], path: str | Path, overwrite: bool = False) -> int:
@@ -138,7 +160,7 @@ def write_folder(frames: Iterable[Frame], path: str | Path, overwrite: bool = Fa
         OutputError: if it cannot be written.
         InvalidValueError: if frames differ in their camera, or two have the same name.
     """
-    with new_output_folder(path, overwrite) as folder:
+    with new_output_folder(path, overwrite, "recording") as folder:
         first: Frame | None = None
         lines: dict[str, str] = {}
         for index, frame in enumerate(frames):
@@ -213,7 +235,7 @@ def _read_camera(file: Path, depth_unit_m: float | None) -> Camera:
     import yaml
 
     try:
-        tree = yaml.safe_load(read_bytes(file, 2**20))
+        tree = parse_yaml(read_bytes(file, 2**20), file)
     except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError) as error:
         raise InputError(f"{file}: expected YAML, got: {str(error).splitlines()[0]}") from error
     if not isinstance(tree, dict):

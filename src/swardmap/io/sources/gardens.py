@@ -6,16 +6,17 @@
 Frames are named as EDEN's are (SCENE-LIGHT-FRAME), so that `--clean OUT/eden` finds the exact depth of each.
 """
 
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from swardmap.config import SourceConfig
 from swardmap.errors import InputError
+from swardmap.io.door import read_json
 from swardmap.io.sources import folder
 from swardmap.io.sources.eden_layout import LIGHTS, SCENE
 from swardmap.io.sources.source import Source, Tally
+from swardmap.io.sources.truth import FrameTruth
 from swardmap.labels import GRASS_OBSTACLE_PERSON
 from swardmap.types import Frame
 
@@ -69,14 +70,40 @@ class Gardens:
             if wanted:
                 yield from self._frames(sequence, wanted, tally)
 
+    def clean_frame(self, position: int) -> Frame | None:
+        """The frame at a position with exact depth; None if the gardens were made without a sensor."""
+        sequence, source = self._at(position)
+        frame = source.clean_frame(0)
+        return None if frame is None else _named(frame, sequence)
+
+    def truth(self, position: int) -> FrameTruth | None:
+        """What is truly there in the frame at a position."""
+        _, source = self._at(position)
+        return source.truth(0)
+
+    def _at(self, position: int) -> tuple[Sequence, Source]:
+        """The sequence of a frame, and the frame alone as a source."""
+        index = self.indices[position]
+        for sequence in self.sequences:
+            if index < sequence.frames:
+                part = replace(self.config, start=index, stop=index + 1, every=1)
+                return sequence, folder.open_source(sequence.path, part)
+            index -= sequence.frames
+        raise InputError(f"gardens: no frame {position}")
+
     def _frames(self, sequence: Sequence, wanted: list[int], tally: Tally) -> Iterator[Frame]:
         part = replace(self.config, start=wanted[0], stop=wanted[-1] + 1)
         source = folder.open_source(sequence.path, part)
         for frame in source:
-            stamp_ns = frame.stamp_ns + sequence.number * APART_NS
-            yield replace(frame, name=f"{sequence.name}-{frame.name}", stamp_ns=stamp_ns)
+            yield _named(frame, sequence)
         for reason, count in source.skipped.items():
             tally.skip(reason, source.tally.first.get(reason, ""), count)
+
+
+def _named(frame: Frame, sequence: Sequence) -> Frame:
+    """The frame as one of all sequences: its name, and a time of its own."""
+    stamp_ns = frame.stamp_ns + sequence.number * APART_NS
+    return replace(frame, name=f"{sequence.name}-{frame.name}", stamp_ns=stamp_ns)
 
 
 def recognises(path: Path) -> bool:
@@ -101,12 +128,20 @@ def open_source(path: Path, config: SourceConfig) -> Source:
         raise InputError(f"{path}: expected at least one sequence with {COMPLETE_FILE}, found none")
     gardens = Gardens(tuple(whole), counts.count(0), config)
     tally = gardens.count_broken(Tally())
-    return Source(path.resolve().name, len(gardens.indices), GRASS_OBSTACLE_PERSON, gardens.frames, tally)
+    return Source(
+        path.resolve().name, len(gardens.indices), GRASS_OBSTACLE_PERSON, gardens.frames, tally,
+        gardens.clean_frame, gardens.truth,
+    )  # fmt: skip
+
+
+MAX_FRAMES = 100_000
+"""Of a sequence: EDEN numbers them with five digits."""
 
 
 def _frames_of(sequence: Path) -> int:
     """How many frames a sequence holds; 0 = it is not whole."""
     try:
-        return max(0, int(json.loads((sequence / COMPLETE_FILE).read_text(encoding="utf-8"))["frames"]))
-    except (OSError, ValueError, KeyError, TypeError):
+        frames: int = read_json(sequence / COMPLETE_FILE, {"frames": int}, 10_000)["frames"]
+        return max(0, min(frames, MAX_FRAMES))
+    except InputError:
         return 0

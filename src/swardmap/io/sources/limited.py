@@ -1,6 +1,7 @@
 """A part of a source: some frames, some seconds, or until someone says stop."""
 
 from collections.abc import Iterator, Mapping
+from typing import Any
 
 from swardmap.io import FrameSource
 from swardmap.types import Frame
@@ -37,6 +38,16 @@ class LimitedSource:
     def skipped(self) -> Mapping[str, int]:
         """Of the source."""
         return self._source.skipped
+
+    @property
+    def notes(self) -> list[str]:
+        """Of the source."""
+        return list(getattr(self._source, "notes", []))
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """Of the source."""
+        return dict(getattr(self._source, "facts", {}))
 
     @property
     def stopped(self) -> bool:

@@ -23,11 +23,12 @@ class _Image(Generic[Item]):
 
 @dataclass(frozen=True, slots=True)
 class Pair(Generic[Item]):
-    """A colour image and the depth image that belongs to it."""
+    """A colour image and the depth image that belongs to it, each with its time."""
 
     stamp_ns: int
     color: Item
     depth: Item
+    depth_stamp_ns: int
 
 
 class Pairer(Generic[Item]):
@@ -40,10 +41,15 @@ class Pairer(Generic[Item]):
     Args:
         tolerance_ns: largest distance in time.
         limit: images held of each stream; beyond it the other stream counts as absent.
+
+    Attributes:
+        skipped: images left out, by reason.
+        first: the first of each reason in full.
     """
 
     def __init__(self, tolerance_ns: int, limit: int = 60) -> None:
         self.skipped = {REASON_COLOR: 0, REASON_DEPTH: 0, REASON_ORDER: 0}
+        self.first: dict[str, str] = {}
         self._tolerance_ns = tolerance_ns
         self._limit = limit
         self._waiting: dict[str, deque[_Image[Item]]] = {COLOR: deque(), DEPTH: deque()}
@@ -67,6 +73,9 @@ class Pairer(Generic[Item]):
         late = self._merged_ns is not None and stamp_ns < self._merged_ns
         if late or (before is not None and stamp_ns <= before):
             self.skipped[REASON_ORDER] += 1
+            newest = max(t for t in (before, self._merged_ns) if t is not None) / 1e9
+            said = f"the {kind} image of {stamp_ns / 1e9:.3f} s came after one of {newest:.3f} s"
+            self.first.setdefault(REASON_ORDER, said)
             return
         self._newest[kind] = stamp_ns
         self._waiting[kind].append(_Image(kind, stamp_ns, item))
@@ -100,7 +109,7 @@ class Pairer(Generic[Item]):
         while len(self._chain) > until:
             first = self._chain.popleft()
             if not self._chain:
-                self._leave(first)
+                self._leave(first, self._gap_before[0])
                 return
             gap = self._gap(first, self._chain[0])
             after = self._gap(*list(self._chain)[:2]) if len(self._chain) > 1 else (float("inf"), 0)
@@ -108,10 +117,10 @@ class Pairer(Generic[Item]):
                 second = self._chain.popleft()
                 color, depth = (first, second) if first.kind == COLOR else (second, first)
                 self._gap_before = after
-                yield Pair(color.stamp_ns, color.item, depth.item)
+                yield Pair(color.stamp_ns, color.item, depth.item, depth.stamp_ns)
             else:
+                self._leave(first, min(gap[0], self._gap_before[0]))
                 self._gap_before = gap
-                self._leave(first)
 
     def _gap(self, first: _Image[Item], second: _Image[Item]) -> tuple[float, int]:
         """What to compare: the time between, and for equal times the order; infinite for equal kinds."""
@@ -119,5 +128,11 @@ class Pairer(Generic[Item]):
             return float("inf"), 0
         return second.stamp_ns - first.stamp_ns, int(first.kind == DEPTH)
 
-    def _leave(self, image: _Image[Item]) -> None:
-        self.skipped[REASON_COLOR if image.kind == COLOR else REASON_DEPTH] += 1
+    def _leave(self, image: _Image[Item], nearest_ns: float) -> None:
+        reason = REASON_COLOR if image.kind == COLOR else REASON_DEPTH
+        self.skipped[reason] += 1
+        where = (
+            "no neighbour" if nearest_ns == float("inf") else f"the nearest is {nearest_ns / 1e6:.1f} ms away"
+        )
+        said = f"the {image.kind} image of {image.stamp_ns / 1e9:.3f} s: {where} (source.pair_tolerance_ms)"
+        self.first.setdefault(reason, said)

@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swardmap.config import CameraConfig
+from swardmap.config import CameraConfig, CloudConfig
 from swardmap.errors import InputError
 from swardmap.geometry import Intrinsics, Pose
+from swardmap.io.bags.depth_filter import without_flying_pixels
 from swardmap.io.bags.ros_camera import Calibration
 from swardmap.io.sources.pairing import REASON_COLOR, REASON_DEPTH
 from swardmap.io.sources.realsense_filters import depth_filters
@@ -52,6 +53,7 @@ class RealsenseCamera:
         rs: the module pyrealsense2.
         device: an rs.device, or an rs.software_device.
         config: sizes, rate, filters, alignment, how many pairs wait at most.
+        cloud: the filter for flying pixels, which comes before depth is aligned.
 
     Attributes:
         missed: colour images that were taken and never came here.
@@ -60,8 +62,8 @@ class RealsenseCamera:
         InputError: if it has no such streams, its lens model is not supported, or it cannot be opened.
     """
 
-    def __init__(self, rs: Any, device: Any, config: CameraConfig) -> None:
-        self._device, self._config = device, config
+    def __init__(self, rs: Any, device: Any, config: CameraConfig, cloud: CloudConfig) -> None:
+        self._device, self._config, self._cloud = device, config, cloud
         self.title = _title(rs, device)
         self.serial = _info(rs, device, "serial_number")
         self._syncer = rs.syncer(config.queue)
@@ -112,16 +114,20 @@ class RealsenseCamera:
         Raises:
             InputError, InvalidValueError: if an image has not the size of its stream.
         """
-        camera, T_color_depth = self.color.intrinsics, self._T_color_depth
+        camera, T_color_depth, filtered = self.color.intrinsics, self._T_color_depth, False
         if self._align is not None:
             depth = self.color.rectify_depth(shot.depth)  # the SDK rendered it into the image as taken
         else:
-            depth = shot.camera.rectify_depth(shot.depth)
-            if shot.camera.intrinsics != camera or not np.array_equal(T_color_depth.matrix, np.eye(4)):
+            apart = shot.camera.intrinsics != camera or not np.array_equal(T_color_depth.matrix, np.eye(4))
+            filtered = apart and self._cloud.consistent_neighbours > 0
+            raw = without_flying_pixels(shot.depth, shot.unit_m, self._cloud) if filtered else shot.depth
+            depth = shot.camera.rectify_depth(raw)
+            if apart:
                 depth = align_depth_to_color(
                     depth, shot.unit_m, shot.camera.intrinsics, camera, T_color_depth
                 )
-        return Frame(stamp_ns, camera, self.color.rectify_color(shot.rgb), depth, shot.unit_m, name=name)
+        rgb = self.color.rectify_color(shot.rgb)
+        return Frame(stamp_ns, camera, rgb, depth, shot.unit_m, name=name, depth_filtered=filtered)
 
     @property
     def is_connected(self) -> bool:

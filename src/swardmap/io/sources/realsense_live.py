@@ -12,12 +12,12 @@ from contextlib import closing
 from threading import Event
 from typing import Any
 
-from swardmap.config import CameraConfig, Config, SourceConfig
+from swardmap.config import CameraConfig, CloudConfig, Config, SourceConfig
 from swardmap.errors import InputError, InvalidValueError, require
 from swardmap.io.bags.rosbag import REASON_DAMAGED
 from swardmap.io.sources.pairing import REASON_COLOR, REASON_ORDER
 from swardmap.io.sources.realsense_camera import RealsenseCamera, Shot, finder
-from swardmap.io.sources.source import Tally
+from swardmap.io.sources.source import Tally, tally_facts
 from swardmap.types import Frame
 
 SLICE_S = 0.2
@@ -46,7 +46,8 @@ def open_live(address: str, config: Config) -> "RealsenseSource":
             "poses, so several are for the ROS node and its rig file (docs/robot.md)"
         )
     rs = require("pyrealsense2", "realsense", APT_HINT)
-    return RealsenseSource(rs, finder(rs), config.source, config.camera, address or config.camera.serial)
+    serial = address or config.camera.serial
+    return RealsenseSource(rs, finder(rs), config.source, config.camera, serial, config.cloud)
 
 
 class RealsenseSource:
@@ -64,6 +65,7 @@ class RealsenseSource:
         source: which frames, and how far colour and depth may be apart in time.
         camera: sizes, rate, filters, alignment, patience.
         serial: of the camera; None = the only one, and that one again after unplugging.
+        cloud: the filter for flying pixels, which comes before depth is aligned.
 
     Raises:
         InputError: if the camera is not there or cannot stream as configured.
@@ -79,9 +81,10 @@ class RealsenseSource:
         source: SourceConfig,
         camera: CameraConfig,
         serial: str | None = None,
+        cloud: CloudConfig | None = None,
     ) -> None:
         self._rs, self._find, self._serial = rs, find, serial
-        self._source, self._config = source, camera
+        self._source, self._config, self._cloud = source, camera, cloud or CloudConfig()
         self.tally = Tally()
         self._stopped = Event()
         self.lost = ""
@@ -93,6 +96,11 @@ class RealsenseSource:
     def skipped(self) -> dict[str, int]:
         """Images left out by the last iteration so far, by reason."""
         return {reason: count for reason, count in self.tally.skipped.items() if count}
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """What was left out by the last iteration so far, the first of each reason in full."""
+        return tally_facts(self.tally)
 
     def stop(self) -> None:
         """End the iteration after the frame in progress; may be called from a signal handler or a thread."""
@@ -201,7 +209,7 @@ class RealsenseSource:
                 f"no {who} is connected. `swardmap doctor` lists what the SDK sees; on Linux its udev rules "
                 "must be installed"
             )
-        return RealsenseCamera(self._rs, device, self._config)
+        return RealsenseCamera(self._rs, device, self._config, self._cloud)
 
     def _give_up_after(self, heard: float, why: str = "") -> None:
         silent_s = time.monotonic() - heard

@@ -16,7 +16,7 @@ from swardmap.errors import InputError, SwardmapError
 from swardmap.geometry import Pose
 from swardmap.grid import OccupancyGrid
 from swardmap.io.bags.ros_messages import pose_from_odometry, stamp_ns
-from swardmap.io.bags.tf import ALWAYS_NS
+from swardmap.io.bags.tf_edge import ALWAYS_NS
 from swardmap.io.sources.pairing import COLOR
 from swardmap.mapping.costmap import Layer, check_frames
 from swardmap.mapping.log_odds_map import LogOddsMap
@@ -26,12 +26,12 @@ from swardmap.pipeline import StepResult
 from swardmap.rig.active_cameras import ActiveCameras
 from swardmap.rig.rig import Rig
 from swardmap.ros.camera_poses import CameraPoses
-from swardmap.ros.engine import Engine
 from swardmap.ros.frame_queue import FrameQueue
 from swardmap.ros.given_map import GivenMap
 from swardmap.ros.inputs import CameraInput, CameraPair, camera_topics
 from swardmap.ros.load import Load
 from swardmap.ros.parameters import Parameters
+from swardmap.ros.watched_mapper import WatchedMapper
 from swardmap.segmenter import Segmenter
 
 ONLY_CAMERA = "camera"
@@ -47,7 +47,7 @@ EVENTS = 100
 """Lines for the log that wait for it at most."""
 
 MAP, RIG = "map", "rig"
-"""Subjects of what the session itself finds wrong."""
+"""Subjects of what the pipeline itself finds wrong."""
 
 REASON_POSE = "no pose of the camera at the time of the image"
 REASON_VIEW = "no transform between colour and depth camera"
@@ -76,7 +76,7 @@ class Mapped:
     step: StepResult
 
 
-class Session:
+class LivePipeline:
     """Everything between the subscriptions and the publishers.
 
     Args:
@@ -107,7 +107,7 @@ class Session:
         }
         self.active = None if rig is None else ActiveCameras(rig)
         self.queue = FrameQueue[Job](parameters.node.queue_frames)
-        self.engine = Engine(config, segmenter, self.poses.mounts, *_layers_and_map(config))
+        self.mapper = WatchedMapper(config, segmenter, self.poses.mounts, *_layers_and_map(config))
         self._skipped: Counter[str] = Counter()
         self._waiting: deque[CameraPair] = deque()
         self._newest_ns: dict[str, int] = {}
@@ -119,7 +119,7 @@ class Session:
         self.given = GivenMap(lambda *event: self.events.append(event))
         self._first_image_ns: int | None = None
         self.first_map_s: float | None = None
-        self.stages = self.engine.stages
+        self.stages = self.mapper.stages
 
     @property
     def active_names(self) -> tuple[str, ...]:
@@ -141,7 +141,7 @@ class Session:
     @property
     def skipped(self) -> dict[str, int]:
         """What did not reach the map, by reason; cameras that look the other way are no omission."""
-        total = Counter(self._skipped) + Counter(self.engine.left_out)
+        total = Counter(self._skipped) + Counter(self.mapper.left_out)
         for camera in self.inputs.values():
             total += Counter(camera.skipped)
         total[REASON_QUEUE] = self.queue.dropped.total()
@@ -151,7 +151,7 @@ class Session:
     def facts(self) -> dict[str, object]:
         """Numbers for whoever wants to know, beside the report."""
         told: dict[str, object] = {
-            "mapped": dict(self.engine.mapped), "left_out": self.skipped, "active": list(self.active_names),
+            "mapped": dict(self.mapper.mapped), "left_out": self.skipped, "active": list(self.active_names),
             "paused": self.paused, "error": self.last_error, "stages_ms": self.stages.means_ms,
             "first_map_s": self.first_map_s, "start_area": self.given.area is not None,
             "dropped_by_queue": dict(self.queue.dropped), **self.load.facts,
@@ -230,9 +230,9 @@ class Session:
             with self.stages.measured("decode"):
                 frame = self.inputs[pair.camera].build_frame(pair, job.T_map_camera, job.T_color_depth)
             if job.lost:
-                self.engine.watch_frame(pair.camera, frame, pair.arrival_ns)
+                self.mapper.watch_frame(pair.camera, frame, pair.arrival_ns)
                 return None
-            step = self.engine.map_frame(pair.camera, frame, pair.arrival_ns)
+            step = self.mapper.map_frame(pair.camera, frame, pair.arrival_ns)
         except SwardmapError as error:
             self._damaged(error)
             return None
@@ -244,7 +244,7 @@ class Session:
             self.first_map_s = max(0, now_ns - self._first_image_ns) / 1e9
             self.events.append((Severity.OK, f"first map: {self.first_map_s:.2f} s after the first image"))
         self._mapped_ns = now_ns
-        self.engine.observe_mapped(pair.stamp_ns, now_ns)
+        self.mapper.observe_mapped(pair.stamp_ns, now_ns)
 
     def check(self, now_ns: int) -> HealthReport:
         """Say what is wrong now; call it about ten times a second."""
@@ -254,9 +254,9 @@ class Session:
         dropped = self.queue.dropped.total()
         full = self.queue.capacity if dropped > self._dropped else self.queue.longest
         self._dropped = dropped
-        self.engine.observe_queue(full, self.queue.capacity, now_ns)
+        self.mapper.observe_queue(full, self.queue.capacity, now_ns)
         running = () if self.paused else active  # a camera that nobody listens to is not at fault
-        before, self.report = self.report, self.engine.check(now_ns, running, self._found(now_ns))
+        before, self.report = self.report, self.mapper.check(now_ns, running, self._found(now_ns))
         change = self._changes.line(self.report)
         if change is not None:
             self.events.append(change)
@@ -273,7 +273,7 @@ class Session:
         """Forget the map, the start area, and all that waits for the map."""
         self._waiting.clear()
         self.queue.clear()
-        self.engine.clear()
+        self.mapper.clear()
         self.given.end("the map was cleared")
 
     def grant_start_area(self, now_ns: int) -> str:
@@ -282,7 +282,7 @@ class Session:
         Raises:
             InputError: if nobody knows where the robot is.
         """
-        node, config = self.parameters.node, self.engine.config.watchdog
+        node, config = self.parameters.node, self.mapper.config.watchdog
         if not self.poses.posed:
             raise InputError("no start area: pose_source is none, so there is no map to put it into")
         if self.robot is None:
@@ -291,16 +291,16 @@ class Session:
         age_s = 0.0 if stamp == ALWAYS_NS else (now_ns - stamp) / 1e9
         if config.pose_s is not None and age_s > config.pose_s:
             raise InputError(f"no start area: the last pose of the robot's base is {age_s:.2f} s old")
-        return self.given.grant(T_map_base, node, self.engine.snapshot(None), now_ns)
+        return self.given.grant(T_map_base, node, self.mapper.snapshot(None), now_ns)
 
     def given_out(self, forget_before_ns: int | None, nothing_free: bool = False) -> OccupancyGrid | None:
         """The map as it is published: with the robot in its extent, and the start area while it lasts.
 
         Args:
-            forget_before_ns: as `Engine.snapshot` takes it.
+            forget_before_ns: as `WatchedMapper.snapshot` takes it.
             nothing_free: leave the start area out.
         """
-        grid = self.engine.snapshot(forget_before_ns)
+        grid = self.mapper.snapshot(forget_before_ns)
         if grid is None:
             return None
         xy_m = self._robot_xy_m(grid.spec.frame_id)
@@ -321,7 +321,7 @@ class Session:
 
     def _found(self, now_ns: int) -> Iterator[Diagnosis]:
         """What is wrong, whatever the cameras look like: nothing reaches the map, or nobody looks ahead."""
-        config = self.engine.config.watchdog
+        config = self.mapper.config.watchdog
         if self._mapped_ns is None or self._mapped_ns > now_ns:  # not yet, or the clock went back
             self._mapped_ns = now_ns
         idle_s = (now_ns - self._mapped_ns) / 1e9
@@ -354,7 +354,7 @@ class Session:
                 each.restart()
             self.clear()
         elif newest is not None and stamp <= newest and kind == COLOR:
-            self.engine.observe_refused_stamp(camera, now_ns)  # the pairing will leave it out
+            self.mapper.observe_refused_stamp(camera, now_ns)  # the pairing will leave it out
         self._newest_ns[key] = max(stamp, self._newest_ns.get(key, stamp))
 
     def _observe_poses(self, now_ns: int, active: tuple[str, ...]) -> None:
@@ -366,7 +366,7 @@ class Session:
         frames = [self._optical[name] for name in active if name in self._optical]
         newest = self.poses.newest_ns(frames, now_ns)
         if newest is not None:
-            self.engine.observe_pose(newest)
+            self.mapper.observe_pose(newest)
 
     def _damaged(self, error: SwardmapError) -> None:
         self._skipped[REASON_DAMAGED] += 1

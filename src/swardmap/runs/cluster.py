@@ -1,20 +1,24 @@
-"""Parts of an evaluation on a Ray cluster; every node must see the data set under the same path."""
+"""Parts on a Ray cluster; every node must see the data and the folder under the same path."""
 
 import os
 import socket
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, TypeVar
 
 from swardmap.errors import InputError, require
-from swardmap.eval.frame import Plan, evaluate_part
+
+Part = TypeVar("Part")
+Result = TypeVar("Result")
 
 
-def on_ray(plan: Plan, todo: list[tuple[int, int]], address: str) -> Iterator[tuple[tuple[int, int], str]]:
+def on_ray(
+    work: Callable[[Part, Callable[[], None]], Result], parts: Sequence[Part], address: str
+) -> Iterator[tuple[Part, Result]]:
     """Parts in the order in which they are finished; a part on a node that dies is done again elsewhere.
 
     Args:
-        plan: what to evaluate.
-        todo: parts (start, stop).
+        work: called with a part and a tick that nobody hears.
+        parts: what to work on.
         address: of the cluster, such as `auto`, `HOST:6379` or `ray://HOST:10001`; `local` starts one here.
 
     Raises:
@@ -33,14 +37,22 @@ def on_ray(plan: Plan, todo: list[tuple[int, int]], address: str) -> Iterator[tu
         except (ray.exceptions.RayError, ValueError, RuntimeError, OSError) as error:
             raise InputError(f"no Ray cluster at '{address}': {error}") from error
     try:
-        remote = ray.remote(num_cpus=1, max_retries=-1)(evaluate_part)
-        running = {remote.remote(plan, start, stop): (start, stop) for start, stop in todo}
+        remote, shared = ray.remote(num_cpus=1, max_retries=-1)(_on_node), ray.put(work)
+        running = {remote.remote(shared, part): part for part in parts}
         while running:
             (finished, *_), _ = ray.wait(list(running), num_returns=1)
             yield running.pop(finished), ray.get(finished)
     finally:
         if ours:
             ray.shutdown()
+
+
+def _on_node(work: Callable[[Part, Callable[[], None]], Result], part: Part) -> Result:
+    return work(part, _no_tick)
+
+
+def _no_tick() -> None:
+    """Nobody hears it."""
 
 
 def _knock(address: str) -> None:

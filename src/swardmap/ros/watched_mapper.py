@@ -21,6 +21,7 @@ from swardmap.mapping.work_area import work_area_in
 from swardmap.monitor.diagnostics import Diagnosis, HealthReport, frame_stats
 from swardmap.monitor.watchdog import Watchdog
 from swardmap.pipeline import ObstacleMapper, StepResult, configured_mount
+from swardmap.ros.ground_heights import GroundHeights
 from swardmap.ros.layers import Values, evidence_values
 from swardmap.ros.stage_times import StageTimes
 from swardmap.segmenter import Segmenter
@@ -33,7 +34,7 @@ REASON_UNFIT = "frame that the watchdog refused"
 REASON_LATE = "frame older than the map by more than a second"
 
 
-class Engine:
+class WatchedMapper:
     """One map, its watchdog, and the segmenter of all cameras.
 
     Attributes:
@@ -69,6 +70,7 @@ class Engine:
         self._watchdog = Watchdog(tuple(mounts), config.watchdog)
         self._mapper: ObstacleMapper
         self._last_observed: LastObserved | None
+        self._heights: GroundHeights | None
         self._alone: OccupancyGrid | None
         self._newest_ns: int
         self._version = 0
@@ -163,6 +165,11 @@ class Engine:
             log_odds = self._mapper.log_odds
             return None if log_odds is None else evidence_values(log_odds, spec)
 
+    def heights(self, spec: GridSpec, base_z_m: float) -> Values | None:
+        """Height of the ground against the robot's base on some cells; None before a frame was mapped."""
+        with self._map_lock:
+            return None if self._heights is None else self._heights.values(spec, base_z_m)
+
     def configure(self, config: Config) -> None:
         """Go on with other settings; those that the map is built on must be as they were."""
         with self._map_lock:
@@ -183,7 +190,7 @@ class Engine:
             InputError: if there is no map yet.
             OutputError: if it cannot be written.
         """
-        from swardmap.io.files import new_output_folder
+        from swardmap.io.folders import new_output_folder
         from swardmap.runs.files import RunWriter
 
         grid = self.snapshot(None)
@@ -199,6 +206,7 @@ class Engine:
         mount = configured_mount(self.config.mount)
         self._mapper = ObstacleMapper(self.segmenter, self.config, mount, self._layers, log_odds)
         self._last_observed, self._alone, self._newest_ns = None, None, 0
+        self._heights = None
         if log_odds is not None:
             self._last_observed = LastObserved(log_odds.corner_cell)  # none of it was seen in this run
 
@@ -209,7 +217,10 @@ class Engine:
             return step
         self._last_observed = self._last_observed or LastObserved(step.observation.spec)
         self._last_observed.integrate(step.observation)
+        self._heights = self._heights or GroundHeights(step.observation.spec)
+        self._heights.integrate(step.observation)
         saved = self._mapper.log_odds
         if saved is not None and self.config.evidence.window_m is not None and saved.grid is not None:
             self._last_observed.keep_within(saved.grid.spec)
+            self._heights.keep_within(saved.grid.spec)
         return step

@@ -21,8 +21,8 @@ from swardmap.models import build_segmenter
 from swardmap.monitor.diagnostics import Fault, HealthReport, Severity
 from swardmap.pipeline import ObstacleMapper
 from swardmap.rig.rig import Rig
+from swardmap.ros.live_pipeline import LivePipeline
 from swardmap.ros.parameters import Parameters, parameters_from
-from swardmap.ros.session import Session
 from swardmap.types import Frame
 from tests.bags import ODOMETRY
 from tests.ros import drive
@@ -37,21 +37,21 @@ def parameters(settings: dict[str, Any] | None = None, **node: Any) -> Parameter
     return parameters_from(node, Parameters(config=config_from_dict(merged)))
 
 
-def session_of(parameters: Parameters, rig: Rig | None = None) -> Session:
-    return Session(parameters, build_segmenter(parameters.config.segmenter), rig)
+def pipeline_of(parameters: Parameters, rig: Rig | None = None) -> LivePipeline:
+    return LivePipeline(parameters, build_segmenter(parameters.config.segmenter), rig)
 
 
 class Robot:
-    """Sends messages to a session and lets it work, in the order of a simulated clock."""
+    """Sends messages to a pipeline and lets it work, in the order of a simulated clock."""
 
-    def __init__(self, session: Session, rig: Rig) -> None:
-        self.session, self.rig = session, rig
+    def __init__(self, pipeline: LivePipeline, rig: Rig) -> None:
+        self.pipeline, self.rig = pipeline, rig
         self.now_ns = START_NS
         self.frames: list[Frame] = []
         self.reports: list[HealthReport] = []
 
     def pose(self, x_m: float, stamp_ns: int) -> None:
-        self.session.on_odometry(drive.odometry(x_m, stamp_ns), self.now_ns)
+        self.pipeline.on_odometry(drive.odometry(x_m, stamp_ns), self.now_ns)
 
     def look(self, name: str, frame: Frame, stamp_ns: int) -> None:
         """One pair of images with their CameraInfo."""
@@ -59,16 +59,16 @@ class Robot:
             which, what = topic.split("/")
             message = drive.message(kind, fields)
             if what == "camera_info":
-                self.session.on_info(name, which, message)
+                self.pipeline.on_info(name, which, message)
             else:
-                self.session.on_image(name, which, message, self.now_ns)
+                self.pipeline.on_image(name, which, message, self.now_ns)
 
     def work(self) -> None:
-        while (mapped := self.session.process(0)) is not None or len(self.session.queue):
+        while (mapped := self.pipeline.process(0)) is not None or len(self.pipeline.queue):
             if mapped is not None:
-                self.session.mapped(mapped.pair, self.now_ns)
+                self.pipeline.mapped(mapped.pair, self.now_ns)
                 self.frames.append(mapped.step.frame)
-        self.reports.append(self.session.check(self.now_ns))
+        self.reports.append(self.pipeline.check(self.now_ns))
 
     def step(self, i: int, x_m: float, posed: bool = True, skew_ns: int = 0) -> HealthReport:
         """The i-th tenth of a second: a pose, and an image of every camera."""
@@ -77,7 +77,7 @@ class Robot:
         if posed:
             self.pose(x_m, stamp_ns)
         for name in self.rig.names:
-            key = name if name in self.session.inputs else "camera"
+            key = name if name in self.pipeline.inputs else "camera"
             self.look(key, drive.view(self.rig, name, x_m, i % 20), stamp_ns + skew_ns)
         self.work()
         return self.reports[-1]
@@ -90,7 +90,7 @@ class Robot:
 
 def one_robot(settings: dict[str, Any] | None = None, **node: Any) -> Robot:
     rig = drive.rig_of(ONE)
-    return Robot(session_of(parameters(settings, **node), rig), rig)
+    return Robot(pipeline_of(parameters(settings, **node), rig), rig)
 
 
 def offline_map(frames: Sequence[Frame], config: Config) -> ObstacleMapper:
@@ -100,13 +100,13 @@ def offline_map(frames: Sequence[Frame], config: Config) -> ObstacleMapper:
     return mapper
 
 
-def snapshot(session: Session) -> Any:
-    report = session.report
-    return session.engine.snapshot(None if report is None else report.forget_before_ns)
+def snapshot(pipeline: LivePipeline) -> Any:
+    report = pipeline.report
+    return pipeline.mapper.snapshot(None if report is None else report.forget_before_ns)
 
 
-def free_cells(session: Session) -> int:
-    grid = snapshot(session)
+def free_cells(pipeline: LivePipeline) -> int:
+    grid = snapshot(pipeline)
     return 0 if grid is None else int(grid.count(MapClass.GRASS))
 
 
@@ -118,40 +118,40 @@ def test_the_map_is_that_of_the_frames_one_by_one(settings: dict[str, Any]) -> N
     robot = one_robot(settings)
     xs_m = [0.1 * i for i in range(8)]
     robot.run(xs_m)
-    session, config = robot.session, parameters(settings).config
+    pipeline, config = robot.pipeline, parameters(settings).config
     poses = [drive.base_at(x) @ robot.rig.T_base_camera("camera") for x in xs_m]
     frames = [
         replace(drive.view(robot.rig, "camera", x, i), stamp_ns=START_NS + i * PERIOD_NS, T_map_camera=pose)
         for i, (x, pose) in enumerate(zip(xs_m, poses, strict=True))
     ]
     expected = offline_map(frames, config)
-    grid = session.engine.snapshot(None)
+    grid = pipeline.mapper.snapshot(None)
     assert grid is not None
     assert expected.map is not None
     np.testing.assert_array_equal(grid.classes, expected.map.classes)
     assert grid.spec == expected.map.spec
-    costs, offline = session.engine.costmap(grid), expected.costmap()
+    costs, offline = pipeline.mapper.costmap(grid), expected.costmap()
     assert costs is not None
     assert offline is not None
     np.testing.assert_array_equal(costs.costs, offline.costs)
-    assert (session.engine.snapshot(None).classes == MapClass.OBSTACLE).any()  # type: ignore[union-attr]
+    assert (pipeline.mapper.snapshot(None).classes == MapClass.OBSTACLE).any()  # type: ignore[union-attr]
 
 
 def test_poses_by_tf_give_the_map_that_odometry_gives() -> None:
     by_odometry = one_robot()
     by_odometry.run([0.0, 0.1, 0.2])
     rig = drive.rig_of(ONE)
-    by_tf = Robot(session_of(parameters({"source": {}}), rig), rig)
+    by_tf = Robot(pipeline_of(parameters({"source": {}}), rig), rig)
     mount = rig.T_base_camera("camera")
     static = [Pose(drive.BASE, drive.optical("camera"), mount.matrix)]
-    by_tf.session.on_tf(drive.transforms(static, 0), True, START_NS)
+    by_tf.pipeline.on_tf(drive.transforms(static, 0), True, START_NS)
     for i, x_m in enumerate([0.0, 0.1, 0.2]):
         by_tf.now_ns = START_NS + i * PERIOD_NS + LATENCY_NS
-        by_tf.session.on_tf(
+        by_tf.pipeline.on_tf(
             drive.transforms([drive.base_at(x_m)], START_NS + i * PERIOD_NS), False, by_tf.now_ns
         )
         by_tf.step(i, x_m, posed=False)
-    one, two = snapshot(by_odometry.session), snapshot(by_tf.session)
+    one, two = snapshot(by_odometry.pipeline), snapshot(by_tf.pipeline)
     np.testing.assert_array_equal(one.classes, two.classes)
 
 
@@ -159,10 +159,10 @@ def test_a_mount_is_measured_from_the_robots_base_wherever_the_odometry_sits() -
     """The antenna of the odometry is 0.4 m ahead of the base; tf says so."""
     robot = one_robot()
     T_base_antenna = Pose(drive.BASE, "antenna", np.eye(4) + 0.4 * np.eye(4, k=3))
-    robot.session.on_tf(drive.transforms([T_base_antenna.inverse()], 0), True, START_NS)
+    robot.pipeline.on_tf(drive.transforms([T_base_antenna.inverse()], 0), True, START_NS)
     robot.now_ns = START_NS + LATENCY_NS
     antenna = drive.message(ODOMETRY, odometry_fields(drive.base_at(1.0) @ T_base_antenna, START_NS))
-    robot.session.on_odometry(antenna, robot.now_ns)
+    robot.pipeline.on_odometry(antenna, robot.now_ns)
     robot.look("camera", drive.view(robot.rig, "camera", 1.0), START_NS)
     robot.work()
     pose = robot.frames[0].T_map_camera
@@ -173,13 +173,13 @@ def test_a_mount_is_measured_from_the_robots_base_wherever_the_odometry_sits() -
 
 def test_the_frames_that_do_not_meet_are_named() -> None:
     rig = drive.rig_of(ONE)
-    robot = Robot(session_of(parameters({"source": {}}), rig), rig)
+    robot = Robot(pipeline_of(parameters({"source": {}}), rig), rig)
     T = Pose("odom", drive.BASE, np.eye(4))
     for i in range(6):  # odom alone: what is above it may yet come, so it is not taken for the map
-        robot.session.on_tf(drive.transforms([T], START_NS + i * PERIOD_NS), False, robot.now_ns)
+        robot.pipeline.on_tf(drive.transforms([T], START_NS + i * PERIOD_NS), False, robot.now_ns)
         robot.step(i, 0.1 * i, posed=False)
     assert robot.frames == []
-    error = robot.session.facts["error"]
+    error = robot.pipeline.facts["error"]
     assert isinstance(error, str)
     assert "in 'map'" in error
     assert "base_link, camera_optical_frame, odom" in error
@@ -213,21 +213,21 @@ class Sealed:
 
 def test_only_the_cameras_that_face_the_way_are_decoded() -> None:
     rig = drive.rig_of(RIG)
-    robot = Robot(session_of(parameters(), rig), rig)
+    robot = Robot(pipeline_of(parameters(), rig), rig)
     forward, backward = [0.1 * i for i in range(10)], [0.85 - 0.1 * i for i in range(12)]
     for i, x_m in enumerate([*forward, *backward]):
         stamp_ns = START_NS + i * PERIOD_NS
         robot.now_ns = stamp_ns + LATENCY_NS
         robot.pose(x_m, stamp_ns)
         for name in rig.names:
-            if name in robot.session.active_names:
+            if name in robot.pipeline.active_names:
                 robot.look(name, drive.view(rig, name, x_m, i), stamp_ns)
                 continue
             for kind, topic in (("color", "color/image_raw"), ("depth", "depth/image_raw")):
                 type_, fields = drive.camera_fields(drive.view(rig, name, x_m), name, stamp_ns)[topic]
-                robot.session.on_image(name, kind, Sealed(drive.message(type_, fields)), robot.now_ns)
+                robot.pipeline.on_image(name, kind, Sealed(drive.message(type_, fields)), robot.now_ns)
         robot.work()
-    facts = robot.session.facts
+    facts = robot.pipeline.facts
     assert facts["direction"] == "backward"
     assert facts["active"] == ["rear_left", "rear_right"]
     mapped, dropped = facts["mapped"], facts["dropped"]
@@ -239,12 +239,12 @@ def test_only_the_cameras_that_face_the_way_are_decoded() -> None:
         assert dropped[name] >= 5
     assert facts["left_out"] == {}
     expected = offline_map([replace(f, stamp_ns=0) for f in robot.frames], parameters().config)
-    np.testing.assert_array_equal(snapshot(robot.session).classes, expected.map.classes)  # type: ignore[union-attr]
+    np.testing.assert_array_equal(snapshot(robot.pipeline).classes, expected.map.classes)  # type: ignore[union-attr]
 
 
 def test_cameras_of_one_rig_have_health_of_their_own() -> None:
     rig = drive.rig_of(RIG)
-    robot = Robot(session_of(parameters(), rig), rig)
+    robot = Robot(pipeline_of(parameters(), rig), rig)
     robot.run([0.1 * i for i in range(10)])
     for i in range(10, 20):  # one of the front pair falls silent, the rear pair is not listened to
         robot.now_ns = START_NS + i * PERIOD_NS + LATENCY_NS
@@ -261,14 +261,14 @@ def test_cameras_of_one_rig_have_health_of_their_own() -> None:
 def test_a_robot_that_travels_where_no_camera_looks_says_so() -> None:
     tree = {**RIG, "cameras": {name: RIG["cameras"][name] for name in ("front_left", "front_right")}}
     rig = drive.rig_of(tree)
-    robot = Robot(session_of(parameters(), rig), rig)
+    robot = Robot(pipeline_of(parameters(), rig), rig)
     robot.run([0.1 * i for i in range(8)])
     assert not robot.reports[-1].faults("rig")
     robot.run([0.7 - 0.1 * i for i in range(12)], start=8)
     (diagnosis,) = robot.reports[-1].of("rig")
     assert (diagnosis.fault, diagnosis.severity) == (Fault.BLIND, Severity.WARN)
     assert "backward" in diagnosis.message
-    assert set(robot.session.active_names) == set(rig.names)  # better these than none
+    assert set(robot.pipeline.active_names) == set(rig.names)  # better these than none
 
 
 def recovered(robot: Robot, start: int, steps: int = 30) -> HealthReport:
@@ -282,10 +282,10 @@ def test_a_lost_pose_is_named_and_the_camera_is_not_blamed() -> None:
     assert report.faults("pose") == {Fault.LOST_POSE}
     assert report.faults("camera") == set()
     assert report.stop
-    assert free_cells(robot.session) == 0  # the frames that came are of places nobody knows
-    assert robot.session.skipped["no pose of the camera at the time of the image"] > 20
+    assert free_cells(robot.pipeline) == 0  # the frames that came are of places nobody knows
+    assert robot.pipeline.skipped["no pose of the camera at the time of the image"] > 20
     assert not recovered(robot, 60, 40).stop
-    assert free_cells(robot.session) > 0
+    assert free_cells(robot.pipeline) > 0
 
 
 @pytest.mark.parametrize(
@@ -303,18 +303,18 @@ def test_stamps_that_jump_are_named_whether_there_are_poses_for_them_or_not(
     assert robot.reports[-1].stop
     recovered(robot, 40, 70)
     assert not robot.reports[-1].stop
-    assert free_cells(robot.session) > 0
+    assert free_cells(robot.pipeline) > 0
 
 
 def test_while_paused_the_flag_is_stop_and_no_camera_is_blamed() -> None:
     robot = one_robot()
     assert not recovered(robot, 0).stop
-    robot.session.paused = True
+    robot.pipeline.paused = True
     assert robot.step(30, 1.5).stop  # at once
     report = robot.run([1.5] * 30, start=31)
     assert {(d.subject, d.fault) for d in report.diagnoses} == {("map", Fault.IDLE)}
-    assert free_cells(robot.session) == 0
-    robot.session.paused = False
+    assert free_cells(robot.pipeline) == 0
+    robot.pipeline.paused = False
     assert robot.run([1.5 + 0.05 * i for i in range(5)], start=61).stop  # it takes recover_s to trust again
     assert not robot.run([1.7 + 0.05 * i for i in range(30)], start=66).stop
 
@@ -326,12 +326,12 @@ def test_a_network_that_fails_on_each_frame_stops_the_robot(monkeypatch: pytest.
     def fails(_: Frame) -> Any:
         raise InputError("out of memory")
 
-    monkeypatch.setattr(robot.session.engine, "segmenter", fails)
+    monkeypatch.setattr(robot.pipeline.mapper, "segmenter", fails)
     report = robot.run([1.5 + 0.05 * i for i in range(30)], start=30)
     assert report.faults("map") == {Fault.IDLE}
     assert report.stop
-    assert robot.session.facts["error"] == "out of memory"
-    assert free_cells(robot.session) == 0
+    assert robot.pipeline.facts["error"] == "out of memory"
+    assert free_cells(robot.pipeline) == 0
 
 
 def test_a_damaged_image_is_left_out_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -345,8 +345,8 @@ def test_a_damaged_image_is_left_out_and_counted(monkeypatch: pytest.MonkeyPatch
         patch.setattr(ImageTopic, "color", damaged)
         robot.step(2, 0.2)
     robot.step(3, 0.3)
-    assert robot.session.skipped == {"image that cannot be used": 1}
-    assert robot.session.facts["mapped"] == {"camera": 3}
+    assert robot.pipeline.skipped == {"image that cannot be used": 1}
+    assert robot.pipeline.facts["mapped"] == {"camera": 3}
 
 
 def lawn_file(folder: Path, ring: list[list[float]]) -> Path:
@@ -364,8 +364,8 @@ def test_outside_the_work_area_the_costmap_is_lethal(tmp_path: Path) -> None:
     area = {"file": str(lawn_file(tmp_path, ring)), "datum_lat": 52.4, "datum_lon": 16.9}
     robot = one_robot({"area": area})
     robot.run([0.1 * i for i in range(5)])
-    grid = snapshot(robot.session)
-    costmap = robot.session.engine.costmap(grid)
+    grid = snapshot(robot.pipeline)
+    costmap = robot.pipeline.mapper.costmap(grid)
     assert costmap is not None
     iy, ix = np.indices(grid.spec.shape)
     x, y = np.moveaxis(grid.spec.center_of(np.stack([ix, iy], axis=-1).reshape(-1, 2)), -1, 0)
@@ -381,47 +381,47 @@ def test_a_work_area_in_another_frame_is_never_mapped(tmp_path: Path) -> None:
     area = {"file": str(lawn_file(tmp_path, ring)), "datum_lat": 52.4, "datum_lon": 16.9, "frame_id": "odom"}
     robot = one_robot({"area": area})
     report = robot.run([0.1 * i for i in range(15)])
-    assert "area.frame_id" in robot.session.last_error
+    assert "area.frame_id" in robot.pipeline.last_error
     assert report.stop
-    assert robot.session.engine.mapped.total() == 0
+    assert robot.pipeline.mapper.mapped.total() == 0
 
 
 def test_what_a_saved_map_calls_free_is_unknown_until_all_is_well(tmp_path: Path) -> None:
     living = {"grid": {"mode": "evidence"}}
     first = one_robot(living)
     first.run([0.1 * i for i in range(8)])
-    saved = first.session.engine._mapper.log_odds
+    saved = first.pipeline.mapper._mapper.log_odds
     assert saved is not None
     write_living(saved, tmp_path / "living.npz")
     robot = one_robot({"grid": {"mode": "evidence", "resume": str(tmp_path / "living.npz")}})
-    robot.session.check(START_NS)
-    before = snapshot(robot.session)
+    robot.pipeline.check(START_NS)
+    before = snapshot(robot.pipeline)
     assert before.count(MapClass.GRASS) == 0
     assert before.count(MapClass.OBSTACLE) > 0  # obstacles are remembered
     robot.run([0.1 * i for i in range(30)])
     assert not robot.reports[-1].stop
-    assert free_cells(robot.session) > first.session.engine.snapshot(None).count(MapClass.GRASS)  # type: ignore[union-attr]
+    assert free_cells(robot.pipeline) > first.pipeline.mapper.snapshot(None).count(MapClass.GRASS)  # type: ignore[union-attr]
 
 
 def test_a_map_that_was_cleared_is_given_out_as_unknown_until_there_is_another() -> None:
     """Who holds the old one must not go on by it."""
     robot = one_robot()
-    assert snapshot(robot.session) is None
+    assert snapshot(robot.pipeline) is None
     robot.run([0.05 * i for i in range(30)])
-    before = snapshot(robot.session)
-    robot.session.clear()
-    after = snapshot(robot.session)
+    before = snapshot(robot.pipeline)
+    robot.pipeline.clear()
+    after = snapshot(robot.pipeline)
     assert after.spec == before.spec
     assert (after.classes == MapClass.UNKNOWN).all()
     with pytest.raises(InputError, match="no map yet"):
-        robot.session.engine.save(Path("nowhere"))
+        robot.pipeline.mapper.save(Path("nowhere"))
     robot.run([1.5 + 0.05 * i for i in range(3)], start=30)
-    assert free_cells(robot.session) > 0
+    assert free_cells(robot.pipeline) > 0
 
 
 def test_without_poses_each_frame_is_a_map_of_its_own() -> None:
     rig = drive.rig_of(ONE)
-    robot = Robot(session_of(parameters({"source": {}, "mount": drive.MOUNT}, pose_source="none")), rig)
+    robot = Robot(pipeline_of(parameters({"source": {}, "mount": drive.MOUNT}, pose_source="none")), rig)
     for i in range(30):
         robot.step(i, 0.05 * i, posed=False)
     report = robot.reports[-1]
@@ -429,9 +429,9 @@ def test_without_poses_each_frame_is_a_map_of_its_own() -> None:
     frame = replace(drive.view(rig, "camera", 0.05 * 29, 9), T_map_camera=None)
     config = parameters({"mount": drive.MOUNT}).config
     seen = ObstacleMapper(build_segmenter(config.segmenter), config).step(frame).seen
-    np.testing.assert_array_equal(snapshot(robot.session).classes, seen.classes)
-    robot.session.check(robot.now_ns + 5_000_000_000)
-    assert free_cells(robot.session) == 0
+    np.testing.assert_array_equal(snapshot(robot.pipeline).classes, seen.classes)
+    robot.pipeline.check(robot.now_ns + 5_000_000_000)
+    assert free_cells(robot.pipeline) == 0
 
 
 @pytest.mark.parametrize(
@@ -447,13 +447,13 @@ def test_contradictions_are_refused(
 ) -> None:
     rig = drive.rig_of(RIG) if with_rig else None
     with pytest.raises(ConfigError, match=expected):
-        session_of(parameters({"source": source}, **node), rig)
+        pipeline_of(parameters({"source": source}, **node), rig)
 
 
 def test_a_saved_map_has_a_page(tmp_path: Path) -> None:
     robot = one_robot()
     robot.run([0.05 * i for i in range(30)])
-    robot.session.engine.save(tmp_path / "saved")
+    robot.pipeline.mapper.save(tmp_path / "saved")
     page = (tmp_path / "saved/report.html").read_text(encoding="utf-8")
     assert 'id="map-svg"' in page
     assert 'data-layer="grass"' in page

@@ -1,0 +1,177 @@
+"""Physical things in the truth of a frame: what a safety engineer counts, in place of cells.
+
+A thing rises at least 5 cm above the ground and shows at least 25 pixels within 5 m. Where the data has no
+ids of things, connected cells of the reference stand for them.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swardmap.config import Config
+from swardmap.eval.tally import RANGE_BANDS_M
+from swardmap.eval.truth import TruePixels
+from swardmap.grid import GridSpec
+from swardmap.io.sources.truth import FIRST_AREA, FrameTruth
+from swardmap.labels import MapClass
+from swardmap.perception.cloud import consistent_depth
+from swardmap.types import Frame
+
+NEAR_M = 5.0
+"""Things are judged within this distance of the camera."""
+LOWEST_M = 0.05
+"""What rises less is ground."""
+FEWEST_PIXELS = 25
+FEWEST_CELLS, FEWEST_POINTS, NEIGHBOURS = 4, 3, 3
+"""Of a connected component: cells, points a cell, consistent neighbours a pixel."""
+HEIGHTS_M = {"5-20 cm": 0.20, "20-50 cm": 0.50, "over 50 cm": np.inf}
+"""Height classes and their upper ends; persons are a class of their own."""
+PERSON = "person"
+HEIGHT_CLASSES = (*HEIGHTS_M, PERSON)
+UNKNOWN_KIND = "unknown"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrueThing:
+    """A thing that is there.
+
+    Attributes:
+        kind: shrub, test body, ...; `unknown` where nobody says.
+        height: see HEIGHT_CLASSES.
+        band: index in RANGE_BANDS_M of its nearest pixel.
+        cells: (n,) int64 flat cells that its pixels within NEAR_M fall into.
+    """
+
+    kind: str
+    height: str
+    band: int
+    cells: NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrueThings:
+    """What stands and lies in a frame.
+
+    Attributes:
+        things: within NEAR_M.
+        standing: (height, width) bool, cells with a pixel of something at least LOWEST_M high, near or far.
+        water: (height, width) bool, the other cells with a pixel of water.
+        has_ids: whether the data says which thing each pixel is.
+    """
+
+    things: tuple[TrueThing, ...]
+    standing: NDArray[np.bool_]
+    water: NDArray[np.bool_]
+    has_ids: bool
+
+
+def find_things(
+    frame: Frame,
+    pixels: TruePixels,
+    cells: NDArray[np.int64],
+    spec: GridSpec,
+    config: Config,
+    truth: FrameTruth | None,
+) -> TrueThings:
+    """The things of a frame, by ids where the data has them.
+
+    Args:
+        frame: with true labels, and the depth that `pixels` are of.
+        pixels: of the same frame.
+        cells: `pixels.cells(spec)`.
+        spec: the grid.
+        config: tolerances of the consistency filter.
+        truth: with ids of things, if there are any.
+    """
+    assert frame.labels is not None  # noqa: S101 - narrows the types
+    assert frame.label_set is not None  # noqa: S101
+    classes = pixels.classes(frame.labels, frame.label_set)
+    hazard = pixels.judged & (cells >= 0) & (classes >= MapClass.OBSTACLE)
+    if truth is not None and truth.instances is not None:
+        return _by_ids(pixels, truth, classes, cells, hazard, spec)
+    used = hazard & _consistent(frame, pixels, config)
+    standing = _covered(cells[hazard & (pixels.height_m >= LOWEST_M)], spec)
+    things = tuple(_components(pixels, classes, cells, used, spec))
+    return TrueThings(things, standing, np.zeros(spec.shape, np.bool_), False)
+
+
+def _by_ids(
+    pixels: TruePixels,
+    truth: FrameTruth,
+    classes: NDArray[np.uint8],
+    cells: NDArray[np.int64],
+    hazard: NDArray[np.bool_],
+    spec: GridSpec,
+) -> TrueThings:
+    assert truth.instances is not None  # noqa: S101 - narrows the type
+    ids = truth.instances.ravel()[pixels.index].astype(np.int64)
+    high = np.zeros(2**16, np.bool_)
+    high[[k for k, t in truth.things.items() if k < FIRST_AREA and t.height_m >= LOWEST_M]] = True
+    wet = np.zeros(2**16, np.bool_)
+    wet[[k for k, t in truth.things.items() if t.kind == "water"]] = True
+    standing = _covered(cells[hazard & high[ids]], spec)
+    water = _covered(cells[hazard & wet[ids]], spec) & ~standing
+    near = hazard & high[ids] & (pixels.away_m <= NEAR_M)
+    found = []
+    for key, places in _grouped(ids[near]):
+        if len(places) < FEWEST_PIXELS:
+            continue
+        at, known = np.flatnonzero(near)[places], truth.things[key]
+        person = bool((classes[at] == MapClass.PERSON).any())
+        found.append(_thing(known.kind, known.height_m, person, pixels.away_m[at], cells[at]))
+    return TrueThings(tuple(found), standing, water, True)
+
+
+def _components(
+    pixels: TruePixels,
+    classes: NDArray[np.uint8],
+    cells: NDArray[np.int64],
+    used: NDArray[np.bool_],
+    spec: GridSpec,
+) -> Iterator[TrueThing]:
+    """Connected cells with enough points of obstacles near the camera; what is flat is no thing."""
+    from scipy.ndimage import label
+
+    near = used & (pixels.away_m <= NEAR_M)
+    points = np.bincount(cells[near], minlength=spec.width * spec.height).reshape(spec.shape)
+    parts, _ = label(points >= FEWEST_POINTS, np.ones((3, 3), np.bool_))
+    of_pixel = np.where(near, parts.ravel()[np.maximum(cells, 0)], 0)
+    for part, places in _grouped(of_pixel):
+        own = np.unique(cells[places]) if part else cells[:0]
+        if len(places) < FEWEST_PIXELS or len(own) < FEWEST_CELLS:
+            continue
+        height_m = float(np.quantile(pixels.height_m[places], 0.98))  # a flying pixel is no height
+        person = bool((classes[places] == MapClass.PERSON).any())
+        if person or height_m >= LOWEST_M:
+            yield _thing(UNKNOWN_KIND, height_m, person, pixels.away_m[places], own)
+
+
+def _thing(
+    kind: str, height_m: float, person: bool, away_m: NDArray[np.float64], cells: NDArray[np.int64]
+) -> TrueThing:
+    height = PERSON if person else next(n for n, upper in HEIGHTS_M.items() if height_m < upper)
+    band = int(np.searchsorted(RANGE_BANDS_M, away_m.min(), side="right")) - 1
+    return TrueThing(kind, height, band, np.unique(cells))
+
+
+def _grouped(keys: NDArray[np.int64]) -> Iterator[tuple[int, NDArray[np.int64]]]:
+    """Every key with the places where it is, by rising keys."""
+    order = np.argsort(keys, kind="stable")
+    values, starts = np.unique(keys[order], return_index=True)
+    yield from zip(values.tolist(), np.split(order, starts[1:]), strict=True)
+
+
+def _covered(cells: NDArray[np.int64], spec: GridSpec) -> NDArray[np.bool_]:
+    covered = np.zeros(spec.width * spec.height, np.bool_)
+    covered[cells] = True
+    return covered.reshape(spec.shape)
+
+
+def _consistent(frame: Frame, pixels: TruePixels, config: Config) -> NDArray[np.bool_]:
+    """(N,) pixels that the 3-of-8 filter keeps."""
+    cloud = config.cloud
+    kept = consistent_depth(frame.depth_m, NEIGHBOURS, cloud.consistency_relative, cloud.consistency_m)
+    keeps: NDArray[np.bool_] = np.isfinite(kept).ravel()[pixels.index]
+    return keeps

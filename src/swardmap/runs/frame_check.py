@@ -1,0 +1,104 @@
+"""Frames of a recording that the node's watchdog would refuse: named, counted, and kept out of the map.
+
+A frozen camera that drives on, a covered lens or an image upside down clears cells that nobody saw. The node
+does not map such frames, and neither does a recording. What needs a clock (stopped, stale, slow) cannot be
+told of a file.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from swardmap.config import WatchdogConfig
+from swardmap.errors import InputError
+from swardmap.geometry import Pose
+from swardmap.monitor.camera_monitor import image_faults
+from swardmap.monitor.diagnostics import Fault, FrameStats, frame_stats
+from swardmap.types import Frame
+
+CAMERA_HEIGHTS_M = (0.05, 5.0)
+"""Of a camera over z = 0 of the map, if that is the ground; else nothing is said of images upside down."""
+
+
+@dataclass(slots=True)
+class FrameCheck:
+    """Looks at each frame of one camera before it is mapped.
+
+    Attributes:
+        config: thresholds of the watchdog.
+        strict: stop at the first frame with a fault.
+        faults: how many frames had each fault, by the name that the node uses.
+        first: name of the first frame with each fault.
+        refused: frames with any.
+    """
+
+    config: WatchdogConfig
+    strict: bool = False
+    faults: dict[str, int] = field(default_factory=dict)
+    first: dict[str, str] = field(default_factory=dict)
+    refused: int = 0
+    _last: FrameStats | None = None
+
+    def is_fit(self, frame: Frame, T_base_camera: Pose | None = None) -> bool:
+        """Whether a frame may go into the map; it is counted where not.
+
+        Args:
+            frame: the next of the recording.
+            T_base_camera: mount; None = the frame's own pose, if the ground may be its z = 0.
+
+        Raises:
+            InputError: if it is not, and `strict` is set.
+        """
+        stats = frame_stats(frame, frame.stamp_ns, T_base_camera or _over_ground(frame.T_map_camera))
+        found = [fault for fault, bad in image_faults(stats, self._last, self.config).items() if bad]
+        self._last = stats
+        for fault in found:
+            self.faults[str(fault)] = self.faults.get(str(fault), 0) + 1
+            self.first.setdefault(str(fault), frame.name or str(frame.stamp_ns))
+        self.refused += bool(found)
+        if found and self.strict:
+            raise InputError(
+                f"frame {frame.name or frame.stamp_ns}: {', '.join(found)} (--strict stops here)"
+            )
+        return not found
+
+    def fit(self, frames: Iterable[Frame]) -> Iterator[Frame]:
+        """The frames that may go into the map."""
+        return (frame for frame in frames if self.is_fit(frame))
+
+
+def _over_ground(T_map_camera: Pose | None) -> Pose | None:
+    if T_map_camera is None:
+        return None
+    low, high = CAMERA_HEIGHTS_M
+    return T_map_camera if low < float(T_map_camera.position_m[2]) < high else None
+
+
+def looks_of(frame: Frame, T_base_camera: Pose | None, config: WatchdogConfig) -> dict[str, Any]:
+    """What a record of one frame keeps, so that faults can be told of records in order; plain data."""
+    stats = frame_stats(frame, frame.stamp_ns, _over_ground(T_base_camera))
+    alone = [str(fault) for fault, bad in image_faults(stats, None, config).items() if bad]
+    return {"faults": alone, "prints": [stats.color_print, stats.depth_print]}
+
+
+def faults_of_records(looks: Iterable[Mapping[str, Any] | None], config: WatchdogConfig) -> dict[str, int]:
+    """How many frames had each fault, of what `looks_of` kept of them in order; None = a frame without."""
+    counts: dict[str, int] = {}
+    last: Mapping[str, Any] | None = None
+    for look in looks:
+        if look is not None:
+            for fault in (*look["faults"], *_frozen(look, last, config)):
+                counts[fault] = counts.get(fault, 0) + 1
+        last = look
+    return counts
+
+
+def _frozen(
+    look: Mapping[str, Any], last: Mapping[str, Any] | None, config: WatchdogConfig
+) -> tuple[str, ...]:
+    if last is None or config.frozen_s is None:
+        return ()
+    black, blind = Fault.BLACK in look["faults"], Fault.NO_DEPTH in look["faults"]
+    (color, depth), (color_before, depth_before) = look["prints"], last["prints"]
+    same = (not black and color == color_before) or (not blind and depth == depth_before)
+    return (str(Fault.FROZEN),) if same else ()

@@ -1,0 +1,158 @@
+"""The same work for each of many parts: in this process, in several, or on a Ray cluster.
+
+Whoever asks writes each result under its own name before the next, so that a run that was killed goes on
+where it was; here nothing is kept. Workers end with their parent, say nothing, and leave Ctrl-C to it.
+"""
+
+import os
+import queue
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager, suppress
+from multiprocessing import get_context
+from typing import Any, TypeVar
+
+from swardmap.errors import OutputError, SwardmapError
+
+Part = TypeVar("Part")
+Result = TypeVar("Result")
+
+Tick = Callable[[], None]
+"""Called by the work for each small step that is done; it may raise, to stop the work."""
+Work = Callable[[Part, Tick], Result]
+OnDone = Callable[[int, int], None]
+"""Called with what is done and with all there is to do, both in the same unit."""
+
+IN_FLIGHT = 2
+"""Parts a worker that are handed out at a time, so that none waits for the parent."""
+
+_worker: dict[str, Any] = {}
+
+
+def no_tick() -> None:
+    """For who does not want to know."""
+
+
+def each_part(
+    work: Work[Part, Result],
+    parts: Sequence[Part],
+    workers: int | None = None,
+    ray_address: str | None = None,
+    on_tick: Tick = no_tick,
+) -> Iterator[tuple[Part, Result]]:
+    """Do the work for each part, and give the results in the order in which they are finished.
+
+    Args:
+        work: called with a part and a tick; for several processes a function of a module, or a
+            `functools.partial` of one.
+        parts: what to work on; plain data.
+        workers: processes; None = one a core, 1 = this one.
+        ray_address: Ray cluster to use in place of processes; there nobody is told of ticks.
+        on_tick: called in this process, once for each tick of the work.
+
+    Raises:
+        OutputError: if a process dies.
+        SwardmapError: what the work raises.
+    """
+    if ray_address is not None:
+        from swardmap.runs.cluster import on_ray
+
+        return on_ray(work, parts, ray_address)
+    workers = min(workers or cores(), len(parts))
+    if workers <= 1:
+        return ((part, work(part, on_tick)) for part in parts)
+    return _in_processes(work, parts, workers, on_tick)
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
+def _in_processes(
+    work: Work[Part, Result], parts: Sequence[Part], workers: int, on_tick: Tick
+) -> Iterator[tuple[Part, Result]]:
+    context = get_context("spawn")
+    ticks, stop = context.Queue(), context.Event()
+    waiting, running = iter(parts), dict[Future[Result], Part]()
+    pool = ProcessPoolExecutor(workers, context, _start_worker, (os.getpid(), ticks, stop))
+    try:
+        while True:
+            while len(running) < IN_FLIGHT * workers and (part := next(waiting, None)) is not None:
+                with _deaf_to_interrupts():
+                    running[pool.submit(_in_worker, work, part)] = part
+            if not running:
+                break
+            finished, _ = wait(running, timeout=0.5, return_when=FIRST_COMPLETED)
+            _tell(ticks, on_tick)
+            for future in finished:
+                yield running.pop(future), _result(future)
+        _tell(ticks, on_tick)
+    finally:
+        stop.set()
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+@contextmanager
+def _deaf_to_interrupts() -> Iterator[None]:
+    """A process that is started inherits that Ctrl-C waits: it must not die of it, noisily."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _result(future: "Future[Result]") -> Result:
+    try:
+        return future.result()
+    except BrokenProcessPool as error:
+        raise OutputError(
+            "a process died, perhaps for want of memory; give the same command again, with fewer processes: "
+            "what is finished is kept"
+        ) from error
+
+
+def _tell(ticks: Any, on_tick: Tick) -> None:
+    """Pass on all that workers have told since the last time."""
+    with suppress(queue.Empty):
+        while True:
+            ticks.get_nowait()
+            on_tick()
+
+
+class _StoppedError(SwardmapError):
+    """The parent wants no more."""
+
+
+def _in_worker(work: Work[Part, Result], part: Part) -> Result:
+    return work(part, _tick_in_worker)
+
+
+def _tick_in_worker() -> None:
+    _worker["ticks"].put(1)
+    if _worker["stop"].is_set():
+        raise _StoppedError("stopped")
+
+
+def _start_worker(parent: int, ticks: Any, stop: Any) -> None:
+    """End with the parent, even if that is killed: an orphan would wait for work for ever."""
+    import threading
+    import time
+
+    import cv2
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    os.environ["LP_NUM_THREADS"] = "1"  # of Mesa's software driver; read when the context is made
+    cv2.setNumThreads(1)
+    _worker.update(ticks=ticks, stop=stop)
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(0.5)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()

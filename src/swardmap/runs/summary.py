@@ -1,0 +1,229 @@
+"""What a run of `swardmap map` counts, and what it says at its end to a person and in summary.json."""
+
+from array import array
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+
+from swardmap.config import Config, config_to_dict
+from swardmap.grid import OccupancyGrid
+from swardmap.io import FrameSource
+from swardmap.kernels.compiled import machine_code_count
+from swardmap.labels import MapClass
+from swardmap.perception.observation import PixelCounts
+from swardmap.pipeline import StepResult
+from swardmap.runs.frame_check import FrameCheck
+from swardmap.runs.versions import versions
+
+LOST_PIXELS = (
+    ("no_reading", "without a reading"),
+    ("out_of_range", "out of range (cloud.max_range_m)"),
+    ("inconsistent", "removed by the filter (cloud.consistent_neighbours)"),
+    ("void", "where the mask says nothing"),
+    ("out_of_height", "out of height (cloud.max_height_m)"),
+    ("outside_grid", "beside the grid"),
+)
+MOST = 0.5
+"""Share of readings from which on a loss is a warning."""
+BODY_FRAMES = ("base", "body", "camera_link", "chassis", "robot")
+
+
+@dataclass(slots=True)
+class RunTotals:
+    """Sums over the frames of a run, small enough to keep for hours of driving.
+
+    Attributes:
+        frames: that were mapped.
+        pixels: what became of theirs.
+        timings_ms: of each stage and frame, but for those that waited for a kernel's machine code.
+        compiling_ms: of those that did: what a machine does once, and no measure of its speed.
+        without_pose: frames that were mapped each on its own.
+        evidence: cells by what marked them.
+    """
+
+    frames: int = 0
+    pixels: PixelCounts | None = None
+    timings_ms: dict[str, "array[float]"] = field(default_factory=dict)
+    compiling_ms: dict[str, "array[float]"] = field(default_factory=dict)
+    machine_code: int = field(default_factory=machine_code_count)
+    without_pose: int = 0
+    evidence: dict[str, int] = field(default_factory=dict)
+
+    def add(self, step: StepResult) -> None:
+        """Count one frame."""
+        self.frames += 1
+        self.pixels = step.counts if self.pixels is None else self.pixels + step.counts
+        self.without_pose += step.frame.T_map_camera is None
+        for name, cells in evidence_cells(step).items():
+            self.evidence[name] = self.evidence.get(name, 0) + cells
+        before, self.machine_code = self.machine_code, machine_code_count()
+        timings_ms = self.timings_ms if self.machine_code == before else self.compiling_ms
+        for stage, milliseconds in step.timings_ms.items():
+            timings_ms.setdefault(stage, array("f")).append(milliseconds)
+
+    def timing_summary(self) -> dict[str, dict[str, float]]:
+        """Mean, median and 99th percentile of each stage, ms; compiling counts where all frames did."""
+        return {
+            stage: {
+                "mean": round(float(np.mean(values)), 3),
+                "p50": round(float(np.percentile(values, 50)), 3),
+                "p99": round(float(np.percentile(values, 99)), 3),
+            }
+            for stage, values in (self.timings_ms or self.compiling_ms).items()
+        }
+
+
+def evidence_cells(step: StepResult) -> dict[str, int]:
+    """Cells of one frame by what marked them; empty if geometry is switched off."""
+    seen, geometry = step.observation, step.observation.geometry
+    if geometry is None:
+        return {}
+    named, marked = seen.semantic >= MapClass.OBSTACLE, geometry.marks
+    return {
+        "semantic": int(named.sum()),
+        "geometric": int(marked.sum()),
+        "holes": int(geometry.holes.sum()),
+        "both": int((named & marked).sum()),
+        "geometric_over_grass": int((marked & (seen.semantic == MapClass.GRASS)).sum()),
+        "fused": int((seen.classes >= MapClass.OBSTACLE).sum()),
+    }
+
+
+def summarise(
+    source: FrameSource,
+    segmenter_name: str,
+    config: Config,
+    totals: RunTotals,
+    check: FrameCheck,
+    grid: OccupancyGrid | None,
+    notes: list[str],
+) -> dict[str, Any]:
+    """What summary.json holds of the frames, the map and the settings."""
+    facts = dict(getattr(source, "facts", {}))
+    return {
+        "source": {"name": source.name, "frame_count": source.frame_count, **facts},
+        "frames": totals.frames,
+        "frames_without_pose": totals.without_pose,
+        "skipped": dict(source.skipped),
+        "watchdog": {"refused": check.refused, "faults": check.faults, "first": check.first},
+        "segmenter": segmenter_name,
+        "pixels": asdict(totals.pixels) if totals.pixels else {},
+        "evidence_cells": totals.evidence or None,
+        "map": None if grid is None else map_facts(grid),
+        "margin_m": config.costmap.margin_m,
+        "notes": [*notes, *getattr(source, "notes", [])],
+        "timings_ms": totals.timing_summary(),
+        "versions": versions(),
+        "config": config_to_dict(config),
+    }
+
+
+def map_facts(grid: OccupancyGrid) -> dict[str, Any]:
+    """Where a map lies, and how many cells of each class it has."""
+    area_m2 = grid.spec.resolution_m**2
+    return {
+        "frame": grid.spec.frame_id,
+        "resolution_m": grid.spec.resolution_m,
+        "size_cells": [grid.spec.width, grid.spec.height],
+        "origin_m": list(grid.spec.origin_m),
+        "cells": {c.name.lower(): grid.count(c) for c in MapClass},
+        "seen_m2": round(area_m2 * int(np.count_nonzero(grid.classes)), 3),
+    }
+
+
+def warnings_of(summary: Mapping[str, Any]) -> list[str]:
+    """One line for each thing that makes a map poor without being an error."""
+    found: list[str] = []
+    pixels = summary["pixels"]
+    readings = pixels.get("pixels", 0) - pixels.get("no_reading", 0)
+    for name, setting in (("out_of_height", "cloud.max_height_m"), ("out_of_range", "cloud.max_range_m")):
+        if readings and pixels[name] > MOST * readings:
+            found.append(
+                f"{100 * pixels[name] / readings:.0f} % of the readings are {name.replace('_', ' ')}: check "
+                f"{setting}, the depth unit, and whether the map's z = 0 is the ground"
+            )
+    grid = summary["map"]
+    posed = summary["frames"] > summary["frames_without_pose"]
+    if posed and (grid is None or grid["cells"]["grass"] == 0):
+        found.append("no lawn was seen: check the segmenter, and the pose of the camera over the ground")
+    frame = _camera_frame(summary["source"])
+    if any(word in frame.lower() for word in BODY_FRAMES) and "optical" not in frame.lower():
+        found.append(
+            f"the images are of frame '{frame}', which looks like a body frame: z of a camera looks forward; "
+            "name the optical frame with source.camera_frame"
+        )
+    if "flipped" in summary["watchdog"]["faults"]:
+        found.append("images fit the ground only upside down: turn the camera, or correct its pose")
+    return found
+
+
+def _camera_frame(source: Mapping[str, Any]) -> str:
+    """The frame that the images are taken to be of, where the source says how it found their poses."""
+    poses = source.get("poses")
+    return str(poses.get("frames", "")).split(" <- ")[-1] if isinstance(poses, dict) else ""
+
+
+def report_lines(summary: Mapping[str, Any]) -> list[str]:
+    """What a person wants to know after a run, line by line."""
+    lines = [f"{summary['frames']} frames mapped with '{summary['segmenter']}'"]
+    lines += _left_out(summary)
+    source, grid = summary["source"], summary["map"]
+    if "poses" in source and isinstance(source["poses"], dict):
+        poses = source["poses"]
+        lines.append(f"poses: {poses.get('from', 'of the recording')} {poses.get('frames', '')}".rstrip())
+    if isinstance(source.get("pairing"), dict) and source["pairing"].get("pairs"):
+        pairing = source["pairing"]
+        apart = f"{pairing['median_ms']:g} ms apart (median), {pairing['worst_ms']:g} at most"
+        lines.append(f"colour and depth are {apart}")
+    lines += _pixels(summary["pixels"])
+    if grid is None:
+        alone = summary["frames"] == summary["frames_without_pose"]
+        lines.append(
+            "no poses: each frame has a map of its own in maps/" if alone else "nothing was seen: no map"
+        )
+    else:
+        cells: dict[str, int] = grid["cells"]
+        width, height = grid["size_cells"]
+        lines.append(
+            f"map {width} x {height} cells of {grid['resolution_m']:g} m: {cells['grass']} grass, "
+            f"{cells['obstacle']} obstacle, {cells['person']} person, {cells['unknown']} unknown"
+        )
+    margin = summary["margin_m"]
+    lines.append(f"margin in use: {margin:g} m" + ("" if margin else ", none was set (costmap.margin_m)"))
+    stages = ", ".join(f"{stage} {t['p50']:.1f}" for stage, t in summary["timings_ms"].items())
+    lines.append(f"median milliseconds a frame: {stages}")
+    lines += [f"note: {note}" for note in summary["notes"]]
+    lines += [f"warning: {warning}" for warning in summary["warnings"]]
+    return lines
+
+
+def _left_out(summary: Mapping[str, Any]) -> list[str]:
+    """What the source and the watchdog left out: how often, and the first of each kind in full."""
+    told = summary["source"].get("left_out", {})
+    lines = []
+    skipped = {reason: n for reason, n in summary["skipped"].items() if n}
+    if skipped:
+        lines.append("left out: " + ", ".join(f"{n} x {reason}" for reason, n in skipped.items()))
+        firsts = {reason: told[reason]["first"] for reason in skipped if "first" in told.get(reason, {})}
+        lines += [f"  {reason}, the first: {first}" for reason, first in firsts.items()]
+    watchdog = summary["watchdog"]
+    if watchdog["refused"]:
+        counts = ", ".join(f"{n} x {fault}" for fault, n in watchdog["faults"].items())
+        lines.append(f"not mapped, as the node would not: {counts} (first: {_firsts(watchdog['first'])})")
+    return lines
+
+
+def _firsts(first: Mapping[str, str]) -> str:
+    return ", ".join(dict.fromkeys(first.values()))
+
+
+def _pixels(pixels: Mapping[str, int]) -> list[str]:
+    """Where the pixels went, if most of them are not in the map."""
+    total = pixels.get("pixels", 0)
+    if not total or pixels["used"] >= MOST * total:
+        return []
+    lost = [(pixels[name], text) for name, text in LOST_PIXELS if pixels[name] >= 0.01 * total]
+    shares = ", ".join(f"{100 * count / total:.0f} % {text}" for count, text in sorted(lost, reverse=True))
+    return [f"{100 * pixels['used'] / total:.0f} % of the pixels are in the map; {shares}"]

@@ -1,0 +1,218 @@
+"""Kills a verb at each of its calls to the file system, and looks at what is left.
+
+    python -m tests.runs.kills VERB FOLDER [EVERY]
+
+A hook of the interpreter (sys.addaudithook) counts the calls that change files below FOLDER, in a process of
+its own, and kills that at the n-th with SIGKILL. What must hold after each kill: the place of the result
+holds the old result, the new one, or a folder that says which new one it is and goes on to it; never a
+mixture. After the same command again: the bytes of an undisturbed run, and nothing beside them.
+"""
+
+import json
+import os
+import re
+import shutil
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+CHANGES = ("os.mkdir", "os.rename", "os.remove", "os.rmdir", "os.link", "os.symlink", "swardmap.exchange")
+WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT
+VARYING = ("timings_ms", "seconds", "command", "versions")
+PLAN, MARKER = "plan.json", ".swardmap"
+
+
+@dataclass(frozen=True)
+class Verb:
+    """One way to write a result.
+
+    Attributes:
+        command: writes it to a path; may raise or return an exit code.
+        old: writes an older one there, to be replaced; None = nothing is there before.
+        resumes: whether what is left after a kill may be a folder with a plan.
+        name: of the result.
+    """
+
+    command: Callable[[Path], Any]
+    old: Callable[[Path], Any] | None = None
+    resumes: bool = False
+    name: str = "out"
+
+
+def changes(event: str, arguments: tuple[Any, ...], below: str) -> bool:
+    """Whether an audit event is a change of something below a folder."""
+    if event == "open":
+        path, _, flags = arguments
+        return isinstance(path, str) and path.startswith(below) and bool(flags & WRITING)
+    if event not in CHANGES:
+        return False
+    return any(str(a).startswith(below) for a in arguments[:2] if isinstance(a, (str, os.PathLike)))
+
+
+def in_child(command: Callable[[Path], Any], out: Path, kill_at: int | None) -> tuple[bool, int]:
+    """Run a command in a process of its own; whether it was killed, and its exit code."""
+    child = os.fork()
+    if child == 0:
+        count, below = 0, str(out.parent)
+
+        def hook(event: str, arguments: tuple[Any, ...]) -> None:
+            nonlocal count
+            if changes(event, arguments, below):
+                count += 1
+                if count == kill_at:
+                    os.kill(os.getpid(), signal.SIGKILL)
+
+        sys.addaudithook(hook)
+        code = 3
+        with Path(os.devnull).open("w") as nothing, redirect_stdout(nothing), redirect_stderr(nothing):
+            try:
+                code = int(command(out) or 0)
+            finally:
+                os._exit(code)
+    _, status = os.waitpid(child, 0)
+    return os.WIFSIGNALED(status), os.waitstatus_to_exitcode(status)
+
+
+def content(path: Path) -> dict[str, bytes]:
+    """All files below a path, or the file itself, without what differs between any two runs."""
+    files = [path] if path.is_file() else sorted(p for p in path.rglob("*") if p.is_file())
+    return {str(p.relative_to(path)): steady(p) for p in files}
+
+
+def steady(path: Path) -> bytes:
+    """Content of a file, of JSON without timings."""
+    if path.suffix == ".html":  # with timings in its text
+        return re.sub(rb"[0-9]+", b"0", path.read_bytes())
+    if path.suffix != ".json":
+        return path.read_bytes()
+    tree = json.loads(path.read_bytes())
+    return json.dumps(
+        {k: v for k, v in tree.items() if k not in VARYING} if isinstance(tree, dict) else tree
+    ).encode()
+
+
+def check_left(out: Path, verb: Verb, old: dict[str, bytes], new: dict[str, bytes]) -> str:
+    """What a kill left at the place of the result: none, old, new or resumes.
+
+    Raises:
+        AssertionError: if it is a mixture.
+    """
+    if not out.exists():
+        assert verb.old is None, "the old result is lost"
+        return "none"
+    left = content(out)
+    if left == new:
+        return "new"
+    if verb.old is not None and left == old:
+        return "old"
+    assert verb.resumes, f"neither old nor new: {sorted(left)[:8]}"
+    assert left.get(MARKER) == new[MARKER], "it does not say what kind it is"
+    assert left.get(PLAN) == new[PLAN], "it does not say what it is going to be"
+    seen = {n: c for n, c in left.items() if not Path(n).name.startswith(".")}
+    strange = [
+        n for n, c in seen.items() if (n in old and n not in new) or (n in old and c == old[n] != new[n])
+    ]
+    assert not strange, f"of the old result: {strange[:5]}"
+    return "resumes"
+
+
+def kills(verb: Verb, folder: Path, every: int = 1, first: int = 1) -> Iterator[tuple[int, str]]:
+    """Kill at the n-th call, for each n; gives n and what was left. Raises AssertionError for any fault."""
+    undisturbed = folder / "undisturbed" / verb.name
+    undisturbed.parent.mkdir(parents=True)
+    assert in_child(verb.command, undisturbed, None) == (False, 0), "the command fails by itself"
+    new, old = content(undisturbed), dict[str, bytes]()
+    n = first
+    while True:
+        here = folder / f"kill{n}"
+        here.mkdir()
+        out = here / verb.name
+        if verb.old is not None:
+            assert in_child(verb.old, out, None) == (False, 0)
+            old = content(out)
+        killed, _ = in_child(verb.command, out, n)
+        if killed:
+            left = check_left(out, verb, old, new)
+            in_child(verb.command, out, None)  # refuses a result that is whole
+        again = content(out)
+        other = [name for name in again.keys() | new.keys() if again.get(name) != new.get(name)]
+        assert not other, f"kill {n}: after the same command again these differ: {other}"
+        assert [p.name for p in here.iterdir()] == [verb.name], f"kill {n}: left {list(here.iterdir())}"
+        hidden = [p.name for p in out.rglob(".*") if p.name != MARKER] if out.is_dir() else []
+        assert not hidden, f"kill {n}: left {hidden}"
+        shutil.rmtree(here)
+        if not killed:
+            return
+        yield n, left
+        n += every
+
+
+def verbs(folder: Path) -> dict[str, Verb]:
+    """The verbs on a small drive, each new and in place of an older result."""
+    from swardmap.cli.app import run
+    from swardmap.geometry import Intrinsics
+    from swardmap.io.sources.folder import write_folder
+    from swardmap.synth.analytic import AnalyticSource, garden_scene, lane_poses
+    from swardmap.synth.plan import SynthPlan
+    from swardmap.synth.produce import produce
+    from tests.synth.small_stage import small_config, small_stage
+
+    lens = Intrinsics(96, 72, 80.0, 80.0, 47.5, 35.5)
+    drive = folder / "drive"
+    write_folder(AnalyticSource(garden_scene(0), tuple(lane_poses(3, step_m=0.4)), lens), drive)
+    plan = SynthPlan(scenes=1, frames=2, illuminations=("clear",), config=small_config())
+
+    def mapped(*more: str) -> Callable[[Path], Any]:
+        return lambda out: run(["map", str(drive), "-o", str(out), "--segmenter", "truth", *more])
+
+    def evaluated(*more: str) -> Callable[[Path], Any]:
+        settings = ["--segmenter", "truth", "--workers", "1", "--resolution", "0.1", "--no-budget"]
+        return lambda out: run(["evaluate", str(drive), "-o", str(out), *settings, *more])
+
+    def recorded(*more: str) -> Callable[[Path], Any]:
+        return lambda out: run(["record", str(drive), "-o", str(out), *more])
+
+    def filmed(plan: SynthPlan, overwrite: bool = False) -> Callable[[Path], Any]:
+        def command(out: Path) -> None:
+            produce(plan, out, small_stage, jobs=1, overwrite=overwrite)
+
+        return command
+
+    other, over = "grid.min_points=2", "--overwrite"
+    living = ("--set", "grid.mode=evidence")
+    return {
+        "map": Verb(mapped()),
+        "map_over": Verb(mapped(over), mapped("--set", other)),
+        "map_living": Verb(mapped(*living, over), mapped(*living, "--set", other)),
+        "evaluate": Verb(evaluated(), resumes=True),
+        "evaluate_over": Verb(evaluated(over), evaluated("--set", other), resumes=True),
+        "record": Verb(recorded(), name="drive.mcap"),
+        "record_over": Verb(recorded(over), recorded("--frames", "2"), name="drive.mcap"),
+        "synth": Verb(filmed(plan), resumes=True),
+        "synth_over": Verb(filmed(plan, True), filmed(replace(plan, seed=1)), resumes=True),
+    }
+
+
+def main(name: str, folder: Path, every: int = 1) -> None:
+    """Kill one verb; prints one line a kill."""
+    import cv2
+
+    cv2.setNumThreads(1)  # a process with threads cannot be forked safely
+    folder.mkdir(parents=True, exist_ok=True)
+    verb = verbs(folder)[name]
+    warm = folder / "warm" / verb.name
+    with Path(os.devnull).open("w") as nothing, redirect_stdout(nothing), redirect_stderr(nothing):
+        verb.command(warm)  # loads and compiles all that the children need
+    count = 0
+    for n, left in kills(verb, folder, every):
+        print(n, left, flush=True)  # noqa: T201
+        count += 1
+    print(f"{name}: {count} kills", flush=True)  # noqa: T201
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], Path(sys.argv[2]).resolve(), int(sys.argv[3]) if len(sys.argv) > 3 else 1)

@@ -1,0 +1,100 @@
+"""The end of a run says what a person must know to believe the map."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from swardmap.config import Config, config_from_dict
+from swardmap.errors import InputError
+from swardmap.geometry import Intrinsics, Pose
+from swardmap.runs.recording import map_recording
+from swardmap.runs.summary import report_lines, warnings_of
+from swardmap.synth.analytic import AnalyticSource, garden_scene, lane_poses
+
+SMALL = Intrinsics(160, 120, 115.0, 115.0, 79.5, 59.5)
+
+
+def config(**sections: dict[str, Any]) -> Config:
+    return config_from_dict({"segmenter": {"name": "truth"}, "output": {"pictures": 0}, **sections})
+
+
+class Drive(AnalyticSource):
+    """A drive with facts, whose poses can be moved."""
+
+    def __init__(self, moves_m: dict[int, tuple[float, float, float]] | None = None, **facts: Any) -> None:
+        drive = AnalyticSource(garden_scene(0), tuple(lane_poses(4, step_m=0.4)), SMALL)
+        self.__dict__.update(drive.__dict__)
+        self.moves_m, self.facts, self.notes = moves_m or {}, facts, ["tf is of one robot of two"]
+
+    def __iter__(self) -> Any:
+        for index, frame in enumerate(super().__iter__()):
+            assert frame.T_map_camera is not None
+            matrix = frame.T_map_camera.matrix.copy()
+            matrix[:3, 3] += np.array(self.moves_m.get(index, (0.0, 0.0, 0.0)))
+            yield replace(frame, T_map_camera=Pose("map", "camera", matrix))
+
+
+def summary(drive: Drive, **sections: dict[str, Any]) -> dict[str, Any]:
+    return map_recording(drive, config=config(**sections)).summary
+
+
+def test_an_ordinary_run_has_no_warnings_and_tells_its_margin() -> None:
+    found = summary(Drive(), costmap={"margin_m": 0.1})
+    assert found["warnings"] == []
+    lines = "\n".join(report_lines(found))
+    assert "margin in use: 0.1 m" in lines
+    assert "note: tf is of one robot of two" in lines
+
+
+@pytest.mark.parametrize(
+    ("sections", "warning"),
+    [({"cloud": {"max_height_m": -0.2}}, "% of the readings are out of height: check cloud.max_height_m"),
+     ({"cloud": {"max_range_m": 1.5}}, "% of the readings are out of range: check cloud.max_range_m"),
+     ({"cloud": {"max_range_m": 0.5}}, "no lawn was seen")],
+)  # fmt: skip
+def test_what_makes_a_map_poor_is_said_in_one_line(sections: dict[str, dict[str, Any]], warning: str) -> None:
+    found = summary(Drive(), **sections)
+    assert any(warning in line for line in found["warnings"])
+    lines = report_lines(found)
+    assert any(line.startswith("warning: ") and warning in line for line in lines)
+    assert any("% of the pixels are in the map; " in line for line in lines)
+    assert all(len(line) <= 300 for line in lines)
+
+
+@pytest.mark.parametrize(
+    ("frame", "warned"), [("base_link", True), ("camera_link", True), ("camera_color_optical_frame", False)]
+)
+def test_a_camera_frame_that_looks_like_a_body_is_said(frame: str, warned: bool) -> None:
+    found = summary(Drive(poses={"from": "tf", "frames": f"map <- odom <- {frame}"}))
+    assert any(f"'{frame}', which looks like a body frame" in w for w in found["warnings"]) == warned
+    assert f"poses: tf map <- odom <- {frame}" in report_lines(found)
+
+
+def test_what_was_left_out_is_told_with_the_first_of_each_kind() -> None:
+    drive = Drive(
+        left_out={"image that cannot be used": {"count": 3, "first": "yuv9 of /front is no known code"}},
+        pairing={"pairs": 4, "median_ms": 1.5, "worst_ms": 12.0},
+    )
+    found = summary(drive) | {"skipped": {"image that cannot be used": 3}}
+    lines = report_lines(found)
+    assert "left out: 3 x image that cannot be used" in lines
+    assert "  image that cannot be used, the first: yuv9 of /front is no known code" in lines
+    assert "colour and depth are 1.5 ms apart (median), 12 at most" in lines
+
+
+def test_a_jump_of_the_poses_is_refused_before_it_costs_memory() -> None:
+    with pytest.raises(
+        InputError, match=r"frame .* is 84\d\.\d m from the one before.* \d+ cells, more than 64000000"
+    ):
+        summary(Drive({2: (600.0, 600.0, 0.0)}))
+    rolling: dict[str, Any] = {"grid": {"mode": "log_odds"}, "evidence": {"window_m": 10.0}}
+    assert summary(Drive({2: (600.0, 600.0, 0.0)}), **rolling)["frames"] == 4
+    fixed: dict[str, Any] = {"grid": {"origin_m": [-5, -5], "size_m": [10, 10]}}
+    assert summary(Drive({2: (600.0, 600.0, 0.0)}), **fixed)["frames"] == 4
+
+
+def test_warnings_of_nothing() -> None:
+    found = summary(Drive())
+    assert warnings_of(found | {"pixels": {}, "map": None, "frames_without_pose": 4}) == []
