@@ -41,7 +41,7 @@ def costmaps(config: Config, name: str, footprint: Footprint | None = None) -> l
 def short_and_more(config: Config, costmap: dict[str, Any]) -> tuple[int, int]:
     """Distances at which a cell is blocked in our costs and not in Nav2's, and the other way round."""
     costs, resolution_m = config.costmap, config.grid.resolution_m
-    table = cost_of_squared_distance(resolution_m, costs, costs.margin_m)
+    table = cost_of_squared_distance(resolution_m, costs, costs.obstacle_margin_m)
     squared = np.arange(len(table) - 1)
     ours = table[:-1] >= INSCRIBED
     inflation_m = costmap["inflation_layer"]["inflation_radius"]

@@ -10,7 +10,7 @@ import typer
 from swardmap.cli.live import Duration, Frames, tell_how_it_ended, until_stopped
 from swardmap.cli.options import ConfigFile, Json, Overwrite, Settings, settings
 from swardmap.cli.progress import Progress
-from swardmap.config import Config
+from swardmap.config import Config, config_to_dict
 from swardmap.errors import InputError
 
 EXAMPLES = """\b
@@ -87,18 +87,23 @@ def map_command(
     (source,) = sources
     from swardmap.io import is_live, open_source
     from swardmap.io.files import refuse_to_replace
+    from swardmap.io.maps.margin_file import margin_notes
     from swardmap.io.sources.limited import LimitedSource
     from swardmap.runs.recording import map_recording
+    from swardmap.runs.versions import segmenter_title
 
     live = is_live(source)
     if not live:
         refuse_to_replace(source, out)
     given = LimitedSource(open_source(source, chosen), frames, duration)
+    notes = [] if config is None else margin_notes(config, config_to_dict(chosen), segmenter_title(chosen))
     with ExitStack() as stack:
         if live:  # a recording that is stopped is an interrupted run; a camera has no other end
             stack.enter_context(until_stopped(given))
         bar = stack.enter_context(Progress("mapping", "mapped", given.frame_count, as_json))
-        run = map_recording(given, out, chosen, overwrite=overwrite, on_step=bar.step, strict=strict)
+        run = map_recording(
+            given, out, chosen, overwrite=overwrite, on_step=bar.step, strict=strict, notes=notes
+        )
     print(json.dumps(run.summary, indent=2) if as_json else report(run.summary, out))
     tell_how_it_ended(given, live, run.totals.frames, out)
 

@@ -1,5 +1,6 @@
 """`swardmap nav2`: parameter files for Nav2 with the margin and cameras of a robot."""
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -31,9 +32,12 @@ def nav2_command(
 ) -> None:
     """Write ready parameter files for the node and for Nav2, with your margin (docs/nav2.md)."""
     chosen = settings(config, list(set_ or []))
+    from swardmap.config import config_to_dict
+    from swardmap.io.maps.margin_file import margin_notes
     from swardmap.rig.rig import read_rig
     from swardmap.ros.footprint import footprint_from_text
     from swardmap.ros.nav2_files import nav2_files, write_nav2_files
+    from swardmap.runs.versions import segmenter_title
 
     found = None if rig is None else read_rig(rig)
     cameras, base_frame = (("camera",), "base_link") if found is None else (found.names, found.base_frame)
@@ -42,3 +46,12 @@ def nav2_command(
     write_nav2_files(out, files)
     for name in files:
         print(out / name)
+    if config is not None:
+        for note in margin_notes(config, config_to_dict(chosen), segmenter_title(chosen)):
+            print(f"note: {note}", file=sys.stderr)
+    if chosen.costmap.margin_m is None:
+        margin_m = chosen.costmap.obstacle_margin_m
+        print(
+            f"note: margin {margin_m:g} m, the default: none was measured (swardmap evaluate)",
+            file=sys.stderr,
+        )

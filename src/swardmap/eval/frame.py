@@ -11,6 +11,7 @@ import numpy as np
 
 from swardmap import __version__
 from swardmap.config import Config, SegmenterConfig, config_from_dict, config_to_dict
+from swardmap.config.outputs import DEFAULT_MARGIN_M
 from swardmap.errors import InputError, InvalidValueError, SwardmapError
 from swardmap.eval.budget import PoseNoise, RealAndTrue, budget, noisy_pose
 from swardmap.eval.confusion import aligned_masks, confusion_of_masks
@@ -24,15 +25,12 @@ from swardmap.io.sources.truth import FrameTruth
 from swardmap.labels import LabelSet
 from swardmap.models import build_segmenter
 from swardmap.runs.frame_check import looks_of
+from swardmap.runs.versions import segmenter_title
 from swardmap.segmenter import Segmenter
 from swardmap.types import Frame, Segmentation
 
 FORMAT = 2
 """Raised when records change their meaning: shards of another format are not taken up again."""
-
-
-DEFAULT_MARGIN_M = 0.10
-"""Where none was measured."""
 
 
 @dataclass(frozen=True)
@@ -115,8 +113,7 @@ class Plan:
     @property
     def segmenter_name(self) -> str:
         """What a report calls the segmenter; a network file with the head of its digest."""
-        name = self.config.segmenter.name
-        return f"{name} (network {self.network[:8]})" if self.network else name
+        return segmenter_title(self.config, self.network)
 
     @property
     def main(self) -> str:

@@ -19,7 +19,7 @@ from typing import Any
 from swardmap.config import Config
 from swardmap.errors import InputError, shortened
 from swardmap.eval.dataset import DatasetSpec, count_frames, open_dataset
-from swardmap.eval.frame import DEFAULT_MARGIN_M, Plan, evaluate_part
+from swardmap.eval.frame import Plan, evaluate_part
 from swardmap.io.door import parse_json, reading
 from swardmap.io.files import read_bytes, write_text
 from swardmap.pipeline import configured_mount
@@ -53,7 +53,7 @@ def make_plan(dataset: DatasetSpec, config: Config | None = None, **options: Any
     mount = options.pop("T_base_camera", None)
     if mount is None and (pose := configured_mount(config.mount)) is not None:
         mount = tuple(pose.matrix.ravel().tolist())
-    options.setdefault("margin_m", config.costmap.margin_m or DEFAULT_MARGIN_M)
+    options.setdefault("margin_m", config.costmap.obstacle_margin_m)
     return Plan(dataset, config, T_base_camera=mount, network=network_digest(config), **options)
 
 

@@ -128,8 +128,11 @@ def _seeds_by_margin(
 ) -> list[tuple[NDArray[np.bool_], float]]:
     """Cells to inflate, by margin: persons may have their own, and no camera measured a boundary."""
     hazards, persons = grid.is_obstacle, grid.classes == MapClass.PERSON
-    person_margin_m = config.margin_m if config.person_margin_m is None else config.person_margin_m
-    seeds = [(lethal & ~hazards, 0.0), (persons, person_margin_m), (hazards & ~persons, config.margin_m)]
+    seeds = [
+        (lethal & ~hazards, 0.0),
+        (persons, config.people_margin_m),
+        (hazards & ~persons, config.obstacle_margin_m),
+    ]
     merged: dict[float, NDArray[np.bool_]] = {}
     for cells, margin_m in seeds:
         if cells.any():

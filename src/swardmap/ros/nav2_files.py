@@ -103,14 +103,14 @@ def _values(config: Config) -> dict[str, str]:
         "cost_scaling_factor": costs.cost_scaling_factor, "resolution_m": config.grid.resolution_m,
         "min_range_m": cloud.min_range_m, "max_range_m": cloud.max_range_m,
     }  # fmt: skip
-    told = "persons, the larger" if margin_m > costs.margin_m else "costmap.margin_m"
+    told = "persons, the larger" if margin_m > costs.obstacle_margin_m else "costmap.margin_m"
     return {name: repr(round(float(value), 6)) for name, value in numbers.items()} | {"margin_of": told}
 
 
 def _margin_m(config: Config) -> float:
     """The larger of both margins: Nav2 does not know persons from other obstacles."""
     costs = config.costmap
-    return max(costs.margin_m, costs.margin_m if costs.person_margin_m is None else costs.person_margin_m)
+    return max(costs.obstacle_margin_m, costs.people_margin_m)
 
 
 def _shapes(config: Config, footprint: Footprint | None) -> dict[str, str]:

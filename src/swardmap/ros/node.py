@@ -173,10 +173,15 @@ class RobotNode:
         """The measured margin, in place of what the parameters say; they tell it from then on."""
         from rclpy.parameter import Parameter
 
-        from swardmap.io.maps.margin_file import read_margin
+        from swardmap.config import config_to_dict
+        from swardmap.io.maps.margin_file import margin_notes, read_margin
+        from swardmap.runs.versions import segmenter_title
 
         file = self.parameters.node.margin_file
         if file is None:
+            if self.parameters.config.costmap.margin_m is None:
+                margin_m = self.parameters.config.costmap.obstacle_margin_m
+                self.log.info(f"margin {margin_m:g} m, the default: none was measured (swardmap evaluate)")
             return
         margin = read_margin(file)
         person_m = margin.margin_m if margin.person_margin_m is None else margin.person_margin_m
@@ -185,6 +190,9 @@ class RobotNode:
         if not result.successful:
             raise ConfigError(f"{file}: {result.reason}")
         self.log.info(f"margin {margin.margin_m:g} m, around persons {person_m:g} m, of {file}")
+        config = self.parameters.config
+        for note in margin_notes(file, config_to_dict(config), segmenter_title(config)):
+            self.log.warning(note)
 
     def _activate(self) -> None:
         assert self.pipeline is not None  # noqa: S101 - it is made when the node is configured

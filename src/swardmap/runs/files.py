@@ -61,7 +61,7 @@ class RunWriter:
             write_cloud(step.cloud(self._config), self._folder / "clouds" / f"{name}.{output.clouds}")
         if output.frame_maps or step.frame.T_map_camera is None:
             write_map(step.seen, self._folder / "maps" / f"{name}.yaml")
-            if step.observation.geometry is not None:
+            if output.frame_maps and step.observation.geometry is not None:
                 marks = np.where(step.observation.geometry.marks, np.uint8(MapClass.OBSTACLE), np.uint8(0))
                 geometry = replace(step.seen, classes=marks)
                 write_map(step.observation.semantic_grid, self._folder / "maps" / f"{name}_semantic.yaml")

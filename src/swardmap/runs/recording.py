@@ -4,7 +4,7 @@ from swardmap import map_recording
 run = map_recording("my_recording", out="my_map")
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -54,6 +54,7 @@ def map_recording(
     overwrite: bool = False,
     on_step: OnStep | None = None,
     strict: bool = False,
+    notes: Sequence[str] = (),
 ) -> MapRun:
     """Map a recording, and write the results if `out` is given.
 
@@ -66,6 +67,7 @@ def map_recording(
         overwrite: replace `out` if swardmap made it.
         on_step: called after each frame, for progress or display.
         strict: stop at the first frame that the node's watchdog would refuse, in place of leaving it out.
+        notes: what the caller knows of the settings; stands among the notes of the summary.
 
     Raises:
         InputError: if the recording cannot be read, or holds no frame that can be mapped.
@@ -73,7 +75,7 @@ def map_recording(
     """
     config = config or Config()
     if out is None:
-        return _mapped(recording, config, segmenter, None, on_step, strict)
+        return _mapped(recording, config, segmenter, None, on_step, strict, notes)
     from swardmap.io.files import refuse_to_replace
     from swardmap.io.folders import new_output_folder
 
@@ -82,7 +84,7 @@ def map_recording(
     interrupted = False
     with new_output_folder(out, overwrite) as folder:
         try:
-            run = _mapped(recording, config, segmenter, folder, on_step, strict)
+            run = _mapped(recording, config, segmenter, folder, on_step, strict, notes)
         except _InterruptedError as stop:
             run, interrupted = stop.run, True
     if interrupted:
@@ -126,6 +128,7 @@ def _mapped(
     folder: Path | None,
     on_step: OnStep | None,
     strict: bool,
+    said: Sequence[str],
 ) -> MapRun:
     from swardmap.models import build_segmenter
 
@@ -138,7 +141,7 @@ def _mapped(
         from swardmap.runs.files import RunWriter
 
         writer = RunWriter(folder, config, source.frame_count)
-    notes: list[str] = []
+    notes = list(said)
     mapper = build_mapper(segmenter, config, notes.append)
     mount = {"source": "poses of the recording" if mapper.T_base_camera is None else "configured"}
     totals, check = RunTotals(), FrameCheck(config.watchdog, strict)

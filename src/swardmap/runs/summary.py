@@ -40,6 +40,8 @@ class RunTotals:
         timings_ms: of each stage and frame, but for those that waited for a kernel's machine code.
         compiling_ms: of those that did: what a machine does once, and no measure of its speed.
         without_pose: frames that were mapped each on its own.
+        without_ground: frames of which no ground is known; nothing was cleared by them.
+        ground_carried: frames that show no ground and were judged by that of an earlier one.
         evidence: cells by what marked them.
     """
 
@@ -49,6 +51,8 @@ class RunTotals:
     compiling_ms: dict[str, "array[float]"] = field(default_factory=dict)
     machine_code: int = field(default_factory=machine_code_count)
     without_pose: int = 0
+    without_ground: int = 0
+    ground_carried: int = 0
     evidence: dict[str, int] = field(default_factory=dict)
 
     def add(self, step: StepResult) -> None:
@@ -56,6 +60,9 @@ class RunTotals:
         self.frames += 1
         self.pixels = step.counts if self.pixels is None else self.pixels + step.counts
         self.without_pose += step.frame.T_map_camera is None
+        ground = step.observation.ground
+        self.without_ground += ground is None
+        self.ground_carried += ground is not None and ground.carried
         for name, cells in evidence_cells(step).items():
             self.evidence[name] = self.evidence.get(name, 0) + cells
         before, self.machine_code = self.machine_code, machine_code_count()
@@ -112,7 +119,9 @@ def summarise(
         "pixels": asdict(totals.pixels) if totals.pixels else {},
         "evidence_cells": totals.evidence or None,
         "map": None if grid is None else map_facts(grid),
-        "margin_m": config.costmap.margin_m,
+        "margin_m": config.costmap.obstacle_margin_m,
+        "margin_measured": config.costmap.margin_m is not None,
+        "ground": {"frames_carried_over": totals.ground_carried, "frames_without": totals.without_ground},
         "notes": [*notes, *getattr(source, "notes", [])],
         "timings_ms": totals.timing_summary(),
         "versions": versions(),
@@ -142,8 +151,14 @@ def warnings_of(summary: Mapping[str, Any]) -> list[str]:
         if readings and pixels[name] > MOST * readings:
             found.append(
                 f"{100 * pixels[name] / readings:.0f} % of the readings are {name.replace('_', ' ')}: check "
-                f"{setting}, the depth unit, and whether the map's z = 0 is the ground"
+                f"{setting}, the depth unit, and the pose of the camera"
             )
+    without = summary["ground"]["frames_without"]
+    if without > MOST * summary["frames"]:
+        found.append(
+            f"{without} of {summary['frames']} frames show no ground and cleared nothing: check the pose "
+            "of the camera, or point it lower"
+        )
     grid = summary["map"]
     posed = summary["frames"] > summary["frames_without_pose"]
     if posed and (grid is None or grid["cells"]["grass"] == 0):
@@ -178,6 +193,12 @@ def report_lines(summary: Mapping[str, Any]) -> list[str]:
         apart = f"{pairing['median_ms']:g} ms apart (median), {pairing['worst_ms']:g} at most"
         lines.append(f"colour and depth are {apart}")
     lines += _pixels(summary["pixels"])
+    ground = summary["ground"]
+    if ground["frames_without"] or ground["frames_carried_over"]:
+        lines.append(
+            f"no ground of their own: {ground['frames_carried_over']} frames judged by an earlier one's, "
+            f"{ground['frames_without']} by none, which cleared nothing"
+        )
     if grid is None:
         alone = summary["frames"] == summary["frames_without_pose"]
         lines.append(
@@ -191,7 +212,8 @@ def report_lines(summary: Mapping[str, Any]) -> list[str]:
             f"{cells['obstacle']} obstacle, {cells['person']} person, {cells['unknown']} unknown"
         )
     margin = summary["margin_m"]
-    lines.append(f"margin in use: {margin:g} m" + ("" if margin else ", none was set (costmap.margin_m)"))
+    given = "" if summary["margin_measured"] else ", the default: none was measured (swardmap evaluate)"
+    lines.append(f"margin in use: {margin:g} m{given}")
     stages = ", ".join(f"{stage} {t['p50']:.1f}" for stage, t in summary["timings_ms"].items())
     lines.append(f"median milliseconds a frame: {stages}")
     lines += [f"note: {note}" for note in summary["notes"]]

@@ -33,3 +33,17 @@ def network_digest(config: Config) -> str:
     name = config.segmenter.name
     path = bundled_network() if name == "auto" else Path(name) if name.lower().endswith(".onnx") else None
     return "" if path is None else sha256(read_bytes(path)).hexdigest()[:16]
+
+
+def segmenter_title(config: Config, digest: str | None = None) -> str:
+    """What a report calls the segmenter; a network file with the head of its digest.
+
+    Args:
+        config: names the segmenter.
+        digest: of `network_digest`; None = it is looked up.
+
+    Raises:
+        InputError: if the file of the network cannot be read.
+    """
+    digest = network_digest(config) if digest is None else digest
+    return f"{config.segmenter.name} (network {digest[:8]})" if digest else config.segmenter.name

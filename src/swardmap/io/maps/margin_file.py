@@ -104,6 +104,27 @@ def margin_text(margin: Margin, statement: str) -> str:
     return f"{comment}\n\ncostmap:\n  margin_m: {float(margin.margin_m)!r}\n  person_margin_m: {person}\n"
 
 
+def margin_notes(path: str | Path, tree: Mapping[str, Any], segmenter: str) -> list[str]:
+    """What a margin was measured with that is otherwise where it is used; empty if nothing is.
+
+    Args:
+        path: a margin file, or any settings file that its text was pasted into.
+        tree: all settings in use, from `config_to_dict`.
+        segmenter: its name, with the head of the network's digest.
+
+    Raises:
+        InputError: if the file cannot be read, or what it says of its margin is damaged.
+    """
+    from swardmap.io.files import read_bytes
+
+    text = read_bytes(path, limit=1_000_000).decode("utf-8", errors="replace")
+    measured = _measured(text, path)
+    if measured is None:
+        return []
+    apart = measured.differences(measured_with(tree, segmenter))
+    return [f"the margin of {Path(path).name} was measured otherwise: {one}" for one in apart]
+
+
 @through_door("a margin")
 def read_margin(path: str | Path) -> Margin:
     """Read a margin file.
