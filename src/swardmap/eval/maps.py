@@ -12,13 +12,11 @@ from swardmap.errors import InputError, InvalidValueError
 from swardmap.eval.confusion import confusion_of_maps
 from swardmap.eval.dmin import Misses, find_misses, nearest_hits
 from swardmap.eval.tally import RANGE_BANDS_M, MapTally, MissedKind, MissKind
-from swardmap.eval.truth import TruePixels, dense_map, true_pixels
+from swardmap.eval.truth import TruePixels, dense_map, fitted_ground, true_pixels
 from swardmap.geometry import Pose
 from swardmap.grid import GridSpec, OccupancyGrid, classify_cells, count_points
 from swardmap.io.sources.truth import FrameTruth
 from swardmap.labels import MapClass
-from swardmap.perception.ground_surface import find_ground
-from swardmap.perception.plain import sum_heights
 from swardmap.pipeline import observe, view_spec
 from swardmap.types import Frame, LabeledCloud, Segmentation
 
@@ -189,8 +187,8 @@ def frame_map(
 def cloud_map(cloud: LabeledCloud, T_map_cloud: Pose, config: Config, spec: GridSpec) -> OccupancyGrid:
     """The reference map of an annotated cloud, as the paper makes it for real data (Sec. 4.1.2).
 
-    Every point with a label counts, within the limits of height above the cloud's own ground; void points say
-    nothing.
+    Every point with a label counts, within the limits of height above the ground through its lawn; void
+    points say nothing.
 
     Args:
         cloud: from `io.cloud_files` or `io.annotation_files`.
@@ -198,17 +196,13 @@ def cloud_map(cloud: LabeledCloud, T_map_cloud: Pose, config: Config, spec: Grid
         config: of the robot; only its height limits are used.
         spec: grid of the predicted map.
     """
-    in_grid = cloud.transformed(spec.T_grid_map @ T_map_cloud.of_child(cloud.frame_id))
-    ix, iy = np.floor(in_grid.xyz[:, :2] * np.float32(1.0 / spec.resolution_m)).astype(np.int32).T
-    inside = (ix >= 0) & (iy >= 0) & (ix < spec.width) & (iy < spec.height)
-    in_grid, cells = in_grid[inside], iy[inside] * spec.width + ix[inside]
-    x, y, z = T_map_cloud.position_m.tolist()
-    ground = find_ground(sum_heights(cells, in_grid.xyz[:, 2], spec), spec, config.geometry, (x, y, z))
-    z_m = np.zeros(len(cells), np.float32) if ground is None else ground.height_m(spec).ravel()[cells]
-    height_m = in_grid.xyz[:, 2] - z_m
-    named = in_grid.label_set.map_class_table[in_grid.labels] != MapClass.UNKNOWN
-    limits = config.cloud.min_height_m, config.cloud.max_height_m
-    counts, _ = count_points(in_grid[named & (height_m >= limits[0]) & (height_m <= limits[1])], spec)
+    xyz = T_map_cloud.apply(cloud.xyz)
+    classes = cloud.label_set.map_class_table[cloud.labels]
+    ground = fitted_ground(xyz[classes == MapClass.GRASS])
+    height_m = xyz[:, 2] - (0.0 if ground is None else ground.at(xyz[:, 0], xyz[:, 1]))
+    low, high = config.cloud.min_height_m, config.cloud.max_height_m
+    judged = cloud[(classes != MapClass.UNKNOWN) & (height_m >= low) & (height_m <= high)]
+    counts, _ = count_points(judged.transformed(spec.T_grid_map @ T_map_cloud.of_child(cloud.frame_id)), spec)
     return OccupancyGrid(spec, classify_cells(counts, 1), cloud.stamp_ns)
 
 
