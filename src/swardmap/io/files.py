@@ -10,9 +10,9 @@ from typing import BinaryIO
 from swardmap.errors import InputError, OutputError, one_line, shortened
 from swardmap.io.staging import lock, name_beside
 
-LFS_POINTER = b"version https://git-lfs.github.com/spec/"
 MAX_BYTES = 2**31
 """Of a file that is read as a whole, where its reader knows no smaller limit."""
+LFS_POINTER = b"version https://git-lfs.github.com/spec/"
 
 
 @contextmanager

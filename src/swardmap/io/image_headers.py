@@ -16,6 +16,8 @@ MAX_DECODED_BYTES = 512 * 2**20
 PNG_START = b"\x89PNG\r\n\x1a\n"
 JPEG_START, JPEG_END = b"\xff\xd8\xff", b"\xff\xd9"
 JPEG_FRAMES = frozenset({*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC})
+TIFF_EXTENTS = (273, 279, 324, 325)
+"""Tags of where strips and tiles begin and how long they are."""
 JPEG_TAIL = 256
 """Some cameras pad behind the end."""
 CHANNELS_OF_PNG = {0: 1, 2: 3, 3: 3, 4: 2, 6: 4}
@@ -120,15 +122,39 @@ def _bmp(content: bytes, name: str) -> Size:
     return width, abs(height), 4
 
 
-def _tiff(content: bytes, _: str) -> Size:
+def _tiff(content: bytes, name: str) -> Size:
     """The first directory alone, in one strip or many; what is not there counts as its default."""
     order = "<" if content[:2] == b"II" else ">"
+    if not _tiff_is_whole(content, order):
+        raise InputError(f"{name}: the image is truncated ({len(content)} bytes and no end); copy it again")
     (at,) = struct.unpack(f"{order}I", content[4:8])
     tags = dict(_tiff_tags(content, at, order))
     width, height, bits, channels = (
         tags.get(tag, default) for tag, default in ((256, 0), (257, 0), (258, 8), (277, 1))
     )
     return width, height, max(1, channels) * max(1, (max(bits, 8) + 7) // 8)
+
+
+def _tiff_is_whole(content: bytes, order: str) -> bool:
+    """Whether all strips or tiles of the first image lie inside: OpenCV reads what is missing as zeros."""
+    sizes = {1: "B", 3: "H", 4: "I"}
+    try:
+        (at,) = struct.unpack_from(order + "I", content, 4)
+        (count,) = struct.unpack_from(order + "H", content, at)
+        struct.unpack_from(order + "I", content, at + 2 + 12 * count)  # where the next image would be
+        tags: dict[int, tuple[int, ...]] = {}
+        for entry in range(at + 2, at + 2 + 12 * count, 12):
+            tag, kind, n = struct.unpack_from(order + "HHI", content, entry)
+            if tag in TIFF_EXTENTS and kind in sizes and n <= len(content):
+                layout = f"{order}{n}{sizes[kind]}"
+                fits = struct.calcsize(layout) <= 4
+                place = entry + 8 if fits else struct.unpack_from(order + "I", content, entry + 8)[0]
+                tags[tag] = struct.unpack_from(layout, content, place)
+    except struct.error:
+        return False
+    starts = tags.get(273, tags.get(324, ()))
+    lengths = tags.get(279, tags.get(325, ()))
+    return all(start + length <= len(content) for start, length in zip(starts, lengths, strict=False))
 
 
 def _tiff_tags(content: bytes, at: int, order: str) -> Iterator[tuple[int, int]]:

@@ -1,6 +1,5 @@
 """Colour, depth and mask images from files, checked so that half an image never passes as a whole one."""
 
-import struct
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +12,6 @@ from swardmap.io.files import read_bytes
 from swardmap.io.image_headers import check_image
 
 MAX_FILE_BYTES = 512 * 2**20
-TIFF_STARTS = {b"II*\0": "<", b"MM\0*": ">"}
-"""Byte orders of TIFF by its first bytes."""
-TIFF_EXTENTS = (273, 279, 324, 325)
-"""Tags of where strips and tiles begin and how long they are."""
 DEPTH_SUFFIXES = (".png", ".tif", ".tiff", ".npy")
 
 DepthImage = NDArray[np.uint16] | NDArray[np.float32]
@@ -88,8 +83,6 @@ def decode(content: bytes, name: str, flags: int | None = None) -> NDArray[Any]:
     import cv2
 
     check_image(content, name)
-    if content[:4] in TIFF_STARTS and not _tiff_is_whole(content):
-        raise InputError(f"{name}: the image is truncated ({len(content)} bytes and no end); copy it again")
     if flags is None:
         flags = cv2.IMREAD_UNCHANGED | getattr(cv2, "IMREAD_IGNORE_ORIENTATION", 0)
     with reading(name, "an image"):
@@ -97,29 +90,6 @@ def decode(content: bytes, name: str, flags: int | None = None) -> NDArray[Any]:
     if image is None:
         raise InputError(f"{name}: cannot be decoded as an image ({len(content)} bytes)")
     return np.asarray(image)
-
-
-def _tiff_is_whole(content: bytes) -> bool:
-    """Whether all strips or tiles of the first image lie inside: OpenCV reads what is missing as zeros."""
-    order = TIFF_STARTS[content[:4]]
-    sizes = {1: "B", 3: "H", 4: "I"}
-    try:
-        (at,) = struct.unpack_from(order + "I", content, 4)
-        (count,) = struct.unpack_from(order + "H", content, at)
-        struct.unpack_from(order + "I", content, at + 2 + 12 * count)  # where the next image would be
-        tags: dict[int, tuple[int, ...]] = {}
-        for entry in range(at + 2, at + 2 + 12 * count, 12):
-            tag, kind, n = struct.unpack_from(order + "HHI", content, entry)
-            if tag in TIFF_EXTENTS and kind in sizes and n <= len(content):
-                layout = f"{order}{n}{sizes[kind]}"
-                fits = struct.calcsize(layout) <= 4
-                place = entry + 8 if fits else struct.unpack_from(order + "I", content, entry + 8)[0]
-                tags[tag] = struct.unpack_from(layout, content, place)
-    except struct.error:
-        return False
-    starts = tags.get(273, tags.get(324, ()))
-    lengths = tags.get(279, tags.get(325, ()))
-    return all(start + length <= len(content) for start, length in zip(starts, lengths, strict=False))
 
 
 def encode_png(image: NDArray[Any]) -> bytes:

@@ -27,6 +27,7 @@ from swardmap.io.annotations.masks import (
     guessed,
     ids_by_name,
 )
+from swardmap.io.door import through_door
 from swardmap.io.files import read_bytes
 from swardmap.labels import GRASS_OBSTACLE_PERSON, LabelSet
 
@@ -45,6 +46,7 @@ class Region:
     size: tuple[int, int]
 
 
+@through_door("an export of Label Studio")
 def read_label_studio(
     file: str | Path,
     target: LabelSet = GRASS_OBSTACLE_PERSON,

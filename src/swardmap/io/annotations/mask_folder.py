@@ -10,6 +10,7 @@ import numpy as np
 from swardmap.errors import InputError, SwardmapError
 from swardmap.io.annotations.image_names import original_name
 from swardmap.io.annotations.masks import BACKGROUND, Mask, Masks, add_reader, guessed, ids_by_name
+from swardmap.io.door import parse_yaml, through_door
 from swardmap.io.files import inside, read_bytes, write_bytes, write_text
 from swardmap.io.folders import new_output_folder
 from swardmap.io.images import read_mask
@@ -56,6 +57,7 @@ def classes_text(label_set: LabelSet) -> str:
     return yaml.safe_dump({"classes": entries}, sort_keys=False, default_flow_style=None)
 
 
+@through_door("a folder of masks")
 def read_mask_folder(
     folder: str | Path,
     target: LabelSet = GRASS_OBSTACLE_PERSON,
@@ -84,6 +86,7 @@ def read_mask_folder(
     return Masks(target, _png_readers(folder, folder.rglob("*.png"), table))
 
 
+@through_door("classes")
 def read_classes(file: Path) -> LabelSet:
     """A label set from YAML as `classes_text` writes it.
 
@@ -93,7 +96,7 @@ def read_classes(file: Path) -> LabelSet:
     import yaml
 
     try:
-        entries = yaml.safe_load(read_bytes(file, 2**20))["classes"]
+        entries = parse_yaml(read_bytes(file, 2**20), file)["classes"]
         return LabelSet(tuple(map(_class, entries)))
     except (yaml.YAMLError, SwardmapError, ValueError, TypeError, LookupError, OverflowError) as error:
         reason = " ".join(str(error).split())[:200]
@@ -105,6 +108,7 @@ def _class(entry: Mapping[str, Any]) -> LabelClass:
     return LabelClass(int(entry["id"]), str(entry["name"]), Role(entry["role"]), (r, g, b))
 
 
+@through_door("masks of Roboflow")
 def read_roboflow_masks(
     folder: str | Path,
     target: LabelSet = GRASS_OBSTACLE_PERSON,

@@ -46,7 +46,7 @@ def points_of_bin(
 
 
 def find_labels(path: Path) -> Path | None:
-    """The labels of a `.bin`: beside it, in ../labels, or in the one folder beside its own that has them.
+    """The labels of a `.bin`: beside it, in ../labels, or in the one folder of labels beside its own.
 
     Raises:
         InputError: if several folders have them.
@@ -57,9 +57,8 @@ def find_labels(path: Path) -> Path | None:
     if found is not None:
         return found
     try:
-        others = sorted(
-            file for file in path.resolve().parent.parent.glob(f"*/{_literal(name)}") if file.is_file()
-        )
+        beside = path.resolve().parent.parent.glob(f"*/{_literal(name)}")
+        others = sorted(f for f in beside if f.is_file() and "label" in f.parent.name.lower())
     except OSError:
         return None
     if len(others) > 1:

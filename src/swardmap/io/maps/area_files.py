@@ -48,6 +48,7 @@ def read_area(config: AreaConfig) -> WorkArea | None:
         raise InputError(f"{config.file}: {error}") from error
 
 
+@through_door("a polygon")
 def read_metric_area(path: str | Path, frame_id: str = "map", cost: int = 254) -> WorkArea:
     """One boundary from a YAML file: `polygon_m: [[x, y], ...]` in metres of the map's frame.
 
