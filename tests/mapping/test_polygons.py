@@ -102,9 +102,9 @@ def test_an_outline_of_200_000_corners_takes_no_seconds() -> None:
     radii = 400 + 20 * np.sin(3000 * angles)
     ring = np.stack([500 + radii * np.cos(angles), 500 + radii * np.sin(angles)], axis=-1)
     lattice = np.arange(1000) + 0.5
-    started = time.perf_counter()
+    started = time.process_time()
     inside = points_inside(lattice, lattice, ring)
-    assert time.perf_counter() - started < 2
+    assert time.process_time() - started < 2
     assert inside.sum() == pytest.approx(shapely.Polygon(ring).area, rel=1e-3)
 
 

@@ -271,12 +271,12 @@ def test_rings_of_as_many_corners_as_there_may_be_take_no_minutes() -> None:
     ring = np.stack([radii * np.cos(angles), radii * np.sin(angles)], axis=-1)
     twisted = ring.copy()
     twisted[[4000, 6000]] = twisted[[6000, 4000]]
-    started = time.perf_counter()
+    started = time.process_time()
     area = WorkArea(tuple(Polygon(Role.BOUNDARY, (ring + i,)) for i in range(20)))
     area.keep_out(SPEC)
     with pytest.raises(InvalidValueError, match="crosses itself: the edge after corner 3999"):
         checked_ring(twisted, "boundary")
-    assert time.perf_counter() - started < 5
+    assert time.process_time() - started < 5
 
 
 def test_a_hole_drawn_as_a_keyhole_only_touches_itself() -> None:

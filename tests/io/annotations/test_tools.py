@@ -273,9 +273,9 @@ def test_polygons_of_any_number_of_corners_take_no_seconds(tmp_path: Path) -> No
     angles = np.linspace(0, 2 * np.pi, 200_000, endpoint=False)
     ring = np.stack([32 + 20 * np.cos(angles), 24 + 20 * np.sin(angles)], axis=-1).ravel()
     file = tmp_path / "a.json"
-    started = time.perf_counter()
+    started = time.process_time()
     file.write_text(
         coco([{"category_id": 0, "segmentation": [ring.tolist()]}], ("grass",), {"file_name": "a.jpg"})
     )
     assert (only_mask(read_masks(file)) == GRASS).sum() == pytest.approx(np.pi * 400, rel=0.01)
-    assert time.perf_counter() - started < 5
+    assert time.process_time() - started < 5
