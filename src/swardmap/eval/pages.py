@@ -1,11 +1,13 @@
 """HTML from the templates in data/report; everything that is told is escaped there."""
 
 import shlex
+from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from swardmap.eval.metrics import UNDEFINED
+from swardmap.viz import templates
 
 
 def render(template: str, **context: Any) -> str:
@@ -15,17 +17,10 @@ def render(template: str, **context: Any) -> str:
         template: file in data/report.
         context: its names; only what is `markupsafe.Markup` is taken as HTML.
     """
-    import jinja2
-
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("swardmap", "data/report"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters.update(pct=pct, metres=metres, points=points, sentence=sentence)
-    return environment.get_template(template).render(context)
+    filters: dict[str, Callable[..., str]] = {
+        "pct": pct, "metres": metres, "points": points, "sentence": sentence,
+    }  # fmt: skip
+    return templates.render(template, filters, **context)
 
 
 def style_sheet() -> Any:

@@ -11,6 +11,7 @@ from swardmap.mapping.costmap import Costmap
 from swardmap.viz.map_album import Album, AlbumFrame
 from swardmap.viz.map_layers import bounded_layers
 from swardmap.viz.maps import bounds_of
+from swardmap.viz.templates import render
 
 Summary = Mapping[str, Any]
 MOST_BYTES = 20_000_000
@@ -57,15 +58,6 @@ def map_page(
         command=command or "made from Python",
         versions=summary.get("versions", {}),
     )
-
-
-def render(template: str, **values: Any) -> str:
-    """Fill a template of the package; what comes from data is escaped."""
-    import jinja2
-
-    loader = jinja2.PackageLoader("swardmap", "data/report")
-    page = jinja2.Environment(loader=loader, autoescape=True, undefined=jinja2.StrictUndefined)
-    return page.get_template(template).render(**values)
 
 
 def title(summary: Summary) -> str:
