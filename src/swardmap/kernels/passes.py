@@ -74,6 +74,29 @@ def _place_row(z_row, ray_x, ray_y, T, per_metre, keep, width, height, cell, ten
         tenths[u] = np.int32(np.floor(up * PER_METRE)) if i >= none else none
 
 
+@compiled(inline="never")
+def _raise_heights(cell, tenths, nowhere, sums):  # type: ignore[no-untyped-def]
+    """Add the heights of a row to those of its cells, from eight places of the row in turn.
+
+    One sum then does not wait for the store of the one before. Pixels without a cell are counted behind them.
+    """
+    eighth = cell.shape[0] // 8
+    for i in range(eighth):
+        for k in range(8):
+            u = i + k * eighth
+            c = cell[u] if cell[u] >= 0 else nowhere - cell[u]
+            t = np.int64(tenths[u])
+            sums[c, 0] += t
+            sums[c, 1] += 1
+            sums[c, 2] = min(sums[c, 2], t)
+    for u in range(8 * eighth, cell.shape[0]):
+        c = cell[u] if cell[u] >= 0 else nowhere - cell[u]
+        t = np.int64(tenths[u])
+        sums[c, 0] += t
+        sums[c, 1] += 1
+        sums[c, 2] = min(sums[c, 2], t)
+
+
 @compiled()
 def place(  # type: ignore[no-untyped-def]
     depth, unit_m, ray_x, ray_y, T, limits, needed, width, height, per_metre, cells, sums
@@ -92,15 +115,17 @@ def place(  # type: ignore[no-untyped-def]
         height: of the grid in cells.
         per_metre: float32 cells a metre.
         cells: (H, W) int32, written here: flat index of the cell, or why there is none.
-        sums: (width * height, 3) int64, written here: sum of heights in 0.1 mm, points, lowest height.
+        sums: (width * height + 3, 3) int64, written here: sum of heights in 0.1 mm, points, lowest height;
+            behind the cells the points out of range, not consistent, outside.
 
     Returns:
         Number of pixels with any reading.
     """
     H, W = depth.shape
     near, far, relative, absolute_m = limits
-    sums[:, :2] = 0
-    sums[:, 2] = HIGHEST
+    for i in range(sums.shape[0]):
+        sums[i, 0], sums[i, 1], sums[i, 2] = 0, 0, HIGHEST
+    nowhere = width * height - 1
     z_rows = np.full((3, W + 2), FAR_AWAY, np.float32)
     keep = np.ones(W, np.int32)
     tenths = np.empty(W, np.int32)
@@ -113,62 +138,99 @@ def place(  # type: ignore[no-untyped-def]
             below[:] = FAR_AWAY
         if needed > 0:
             agreeing_row(above, here, below, relative, absolute_m, needed, keep)
-        row = cells[v]
-        _place_row(here, ray_x, ray_y[v], T, per_metre, keep, width, height, row, tenths)
-        for u in range(W):
-            if row[u] >= 0:
-                sums[row[u], 0] += tenths[u]
-                sums[row[u], 1] += 1
-                sums[row[u], 2] = min(sums[row[u], 2], np.int64(tenths[u]))
+        _place_row(here, ray_x, ray_y[v], T, per_metre, keep, width, height, cells[v], tenths)
+        _raise_heights(cells[v], tenths, nowhere, sums)
     return readings
 
 
 @compiled(inline="never")
-def _judge_row(depth, unit_m, ray_x, tail, up, limits, cell, code, hazard, offset_m, floor_m, known, rise):  # type: ignore[no-untyped-def]  # fmt: skip
-    """Of each pixel of a row: is it counted in its cell, and how does it stand to the ground there.
-
-    known: 1 = counted, 2 = the mask says nothing, 3 = out of height, 0 = no cell. rise: 1 above + 2 below +
-    4 a little above and doubted.
-    """
-    lowest, highest, rise_m, doubt_rise_m, hole_m, noise, doubted = limits
-    slope, start = up[0], up[3]
-    zero = np.float32(0)
-    for u in range(known.shape[0]):
-        at = max(cell[u], 0)
-        z = np.float32(depth[u]) * unit_m
-        q = slope * ray_x[u] + tail
-        over = z * q + start
-        height = over - offset_m[at]
-        named = code[u] != VOID
-        in_height = (height >= lowest) & (height <= highest)
-        k = np.int32(1) if in_height else np.int32(3)
-        k = k if named else np.int32(2)
-        known[u] = k if cell[u] >= 0 else np.int32(0)
-        noise_m = noise * (z * z) * q
-        noise_m2 = noise_m * noise_m
-        up_m, fall = over - floor_m[at], -height
-        stands = (up_m > zero) & (up_m <= highest)
-        above = stands & (up_m * up_m > rise_m * rise_m + noise_m2)
-        below = (not above) & (fall > zero) & (fall * fall > hole_m * hole_m + noise_m2)
-        raised = (
-            stands & named & (np.float32(hazard[u]) > doubted)
-            & (up_m * up_m > doubt_rise_m * doubt_rise_m + noise_m2)
-        )  # fmt: skip
-        r = np.int32(above) + np.int32(2) * np.int32(below) + np.int32(4) * np.int32(raised)
-        rise[u] = r if cell[u] >= 0 else np.int32(0)
+def _mask_row(mask, columns, table, told):  # type: ignore[no-untyped-def]
+    """What one row of a mask says at the depth image's width: code + 256 * hazard."""
+    for u in range(told.shape[0]):
+        told[u] = table[mask[columns[u]]]
 
 
 @compiled(inline="never")
-def _mask_row(mask, columns, out):  # type: ignore[no-untyped-def]
-    """One row of a mask at the depth image's width."""
-    for u in range(out.shape[0]):
-        out[u] = mask[columns[u]]
+def _hazard_row(hazard, columns, told):  # type: ignore[no-untyped-def]
+    """The same with hazards of its own."""
+    for u in range(told.shape[0]):
+        told[u] = (told[u] & np.int32(255)) | (np.int32(hazard[columns[u]]) << np.int32(8))
+
+
+@compiled(inline="never")
+def _ground_row(cell, offset_m, floor_m, offset, floor):  # type: ignore[no-untyped-def]
+    """The ground under each pixel of a row: what is looked up stands apart, for it does not vectorise."""
+    for u in range(cell.shape[0]):
+        at = max(cell[u], np.int32(0))
+        offset[u] = offset_m[at]
+        floor[u] = floor_m[at]
+
+
+@compiled(inline="never")
+def _index_row(depth, unit_m, ray_x, tail, up, limits, cell, told, offset, rest, index):  # type: ignore[no-untyped-def]  # fmt: skip
+    """Counter of each pixel of a row: 4 * cell + code; or why it is not counted.
+
+    That is rest = void, rest + 1 = out of height, rest + 2 = no cell.
+    """
+    lowest, highest, slope, start = limits[0], limits[1], up[0], up[3]
+    void, beyond, nowhere = np.int32(rest), np.int32(rest + 1), np.int32(rest + 2)
+    for u in range(index.shape[0]):
+        c, code = cell[u], told[u] & np.int32(255)
+        z = np.float32(depth[u]) * unit_m
+        height = z * (slope * ray_x[u] + tail) + start - offset[u]
+        i = np.int32(4) * c + code
+        i = i if (height >= lowest) & (height <= highest) else beyond
+        i = i if code < np.int32(VOID) else void
+        index[u] = i if c >= np.int32(0) else nowhere
+
+
+@compiled(inline="never")
+def _rise_row(depth, unit_m, ray_x, tail, up, limits, cell, told, offset, floor, rise):  # type: ignore[no-untyped-def]  # fmt: skip
+    """How each pixel of a row stands to the ground: 1 above or 2 below, + 4 a little above and doubted.
+
+    Returns:
+        Nonzero if any rises or falls.
+    """
+    _, highest, rise_m, doubt_rise_m, hole_m, noise, doubted = limits
+    slope, start = up[0], up[3]
+    rise_m2, doubt_rise_m2, hole_m2 = rise_m * rise_m, doubt_rise_m * doubt_rise_m, hole_m * hole_m
+    zero, none = np.float32(0), np.int32(0)
+    some = np.int32(0)
+    for u in range(rise.shape[0]):
+        z = np.float32(depth[u]) * unit_m
+        q = slope * ray_x[u] + tail
+        over = z * q + start
+        noise_m = noise * (z * z) * q
+        noise_m2 = noise_m * noise_m
+        up_m, fall = over - floor[u], offset[u] - over
+        up_m2 = up_m * up_m
+        code, hazard = told[u] & np.int32(255), np.float32(told[u] >> np.int32(8))
+        r = np.int32(2) if (fall > zero) & (fall * fall > hole_m2 + noise_m2) else none
+        r = np.int32(1) if (up_m > zero) & (up_m <= highest) & (up_m2 > rise_m2 + noise_m2) else r
+        w = np.int32(4) if (up_m2 > doubt_rise_m2 + noise_m2) & (hazard > doubted) else none
+        w = w if (up_m > zero) & (up_m <= highest) & (code < np.int32(VOID)) else none
+        r = np.int32(r | w) if cell[u] >= none else none
+        rise[u] = r
+        some |= r
+    return some
+
+
+@compiled(inline="never")
+def _raise_counters(index, told, tallies):  # type: ignore[no-untyped-def]
+    """Add one and the hazard to the counter of every pixel, from eight places of the row in turn."""
+    one, eighth = np.uint64(1), index.shape[0] // 8
+    for i in range(eighth):
+        for k in range(8):
+            u = i + k * eighth
+            tallies[index[u]] += (np.uint64(told[u] >> np.int32(8)) << np.uint64(32)) | one
+    for u in range(8 * eighth, index.shape[0]):
+        tallies[index[u]] += (np.uint64(told[u] >> np.int32(8)) << np.uint64(32)) | one
 
 
 @compiled()
 def count(  # type: ignore[no-untyped-def]
-    depth, unit_m, ray_x, ray_y, cells, codes, hazard, rows, columns, up, limits, grounded, offset_m, floor_m,
-    tallies, rises, reasons,
+    depth, unit_m, ray_x, ray_y, cells, mask, table, hazard, hard, rows, columns, up, limits, grounded,
+    offset_m, floor_m, tallies, rises,
 ):  # fmt: skip
     """Count the pixels of each class in each cell, their doubt, and those off the ground.
 
@@ -178,8 +240,10 @@ def count(  # type: ignore[no-untyped-def]
         ray_x: (W,) float32, x of K^-1 [u v 1] (Eq. 1).
         ray_y: (H,) float32, y of the same.
         cells: (H, W) int32 as `place` writes it.
-        codes: (h, w) uint8 what a pixel of the mask counts as: 0..3, 4 = void.
+        mask: (h, w) uint8 ids.
+        table: (256,) int32 what an id counts as: 0..3, 4 = void; + 256 times its hazard.
         hazard: (h, w) uint8 P(obstacle or person) in 255ths.
+        hard: the hazard is that of the table.
         rows: (H,) row of the mask for each row of the depth.
         columns: (W,) column of the mask for each column of the depth.
         up: (4,) float32, height above the plane of the ground = z * (up . ray) + up[3].
@@ -187,54 +251,35 @@ def count(  # type: ignore[no-untyped-def]
         grounded: whether the ground is known; else nothing is above or below it.
         offset_m: (cells,) float32 height of the ground over its plane.
         floor_m: (cells,) float32 height over the plane that a rise is measured from.
-        tallies: (cells * 4,) uint64, written here: points, and the sum of their hazard from bit 32 on.
+        tallies: (cells * 4 + 3,) uint64, written here: points, and the sum of their hazard from bit 32 on;
+            behind the cells the pixels that are void, out of height, without a cell.
         rises: (cells, 3) uint32, written here: points above, below, a little above and doubted.
-        reasons: (2,) int64, written here: pixels that are void, and out of height.
     """
     H, W = depth.shape
     tallies[:] = np.uint64(0)
     rises[:] = np.uint32(0)
-    known, rise = np.empty(W, np.int32), np.empty(W, np.int32)
-    code_row, hazard_row = np.empty(W, np.uint8), np.empty(W, np.uint8)
-    mask_row, void, beyond = -1, 0, 0
+    index, rise, told = np.empty(W, np.int32), np.empty(W, np.int32), np.empty(W, np.int32)
+    offset, floor = np.empty(W, np.float32), np.empty(W, np.float32)
+    mask_row, rest = -1, 4 * rises.shape[0]
     for v in range(H):
         if rows[v] != mask_row:
             mask_row = rows[v]
-            _mask_row(codes[mask_row], columns, code_row)
-            _mask_row(hazard[mask_row], columns, hazard_row)
+            _mask_row(mask[mask_row], columns, table, told)
+            if not hard:
+                _hazard_row(hazard[mask_row], columns, told)
         tail = up[1] * ray_y[v] + up[2]
-        cell = cells[v]
-        _judge_row(
-            depth[v],
-            unit_m,
-            ray_x,
-            tail,
-            up,
-            limits,
-            cell,
-            code_row,
-            hazard_row,
-            offset_m,
-            floor_m,
-            known,
-            rise,
-        )
-        for u in range(W):
-            k = known[u]
-            if k == 1:
-                tallies[cell[u] * 4 + code_row[u]] += (np.uint64(hazard_row[u]) << np.uint64(32)) | np.uint64(
-                    1
-                )
-            elif k == 2:
-                void += 1
-            elif k == 3:
-                beyond += 1
-            if grounded and rise[u] > 0:
+        _ground_row(cells[v], offset_m, floor_m, offset, floor)
+        _index_row(depth[v], unit_m, ray_x, tail, up, limits, cells[v], told, offset, rest, index)
+        some = _rise_row(depth[v], unit_m, ray_x, tail, up, limits, cells[v], told, offset, floor, rise)
+        _raise_counters(index, told, tallies)
+        if grounded and some != 0:
+            cell = cells[v]
+            for u in range(W):
                 r = rise[u]
-                rises[cell[u], 0] += np.uint32(r & 1)
-                rises[cell[u], 1] += np.uint32((r >> 1) & 1)
-                rises[cell[u], 2] += np.uint32(r >> 2)
-    reasons[0], reasons[1] = void, beyond
+                if r > 0:
+                    rises[cell[u], 0] += np.uint32(r & 1)
+                    rises[cell[u], 1] += np.uint32((r >> 1) & 1)
+                    rises[cell[u], 2] += np.uint32(r >> 2)
 
 
 @compiled()

@@ -9,8 +9,11 @@ from swardmap.geometry import Pose
 from swardmap.grid import GridSpec
 from swardmap.perception.ground_surface import Ground
 from swardmap.perception.passes import (
+    OBSTACLE,
+    PERSON,
     Counted,
     Placed,
+    code_table,
     count_limits,
     depth_limits,
     height_row,
@@ -33,14 +36,15 @@ def place(frame: Frame, T_grid_camera: Pose, spec: GridSpec, config: Config) -> 
             "set backend to 'plain', or rely on the consistency filter"
         )
     cells = np.empty(frame.depth.shape, np.int32)
-    sums = np.empty((spec.width * spec.height, 3), np.int64)
+    sums = np.empty((spec.width * spec.height + 3, 3), np.int64)
     ray_x, ray_y = frame.intrinsics.ray_tables()
     readings = kernel.place(
         frame.depth, np.float32(frame.depth_unit_m), ray_x, ray_y,
         T_grid_camera.matrix[:3].astype(np.float32), depth_limits(config), config.cloud.consistent_neighbours,
         spec.width, spec.height, np.float32(1.0 / spec.resolution_m), cells, sums,
     )  # fmt: skip
-    return Placed(cells, sums, frame.depth.size - int(readings))
+    reasons = sums[-3:, 1].tolist()
+    return Placed(cells, sums[:-3], frame.depth.size - int(readings), *reasons)
 
 
 def count(
@@ -58,23 +62,43 @@ def count(
     n = spec.width * spec.height
     ray_x, ray_y = frame.intrinsics.ray_tables()
     level = np.zeros(n, np.float32)  # where no ground is known: heights in the map, and no marks
-    tallies = np.empty(4 * n, np.uint64)
+    tallies = np.empty(4 * n + 3, np.uint64)
     rises = np.empty((n, 3), np.uint32)
-    reasons = np.empty(2, np.int64)
     rows, columns = (nearest_indices(a, b) for a, b in zip(frame.depth.shape, segmentation.labels.shape,
                                                            strict=True))  # fmt: skip
+    mask, table, hazard = _mask(segmentation, config.segmenter.min_confidence)
     kernel.count(
         frame.depth, np.float32(frame.depth_unit_m), ray_x, ray_y, placed.cells,
-        mask_codes(segmentation, config.segmenter.min_confidence), segmentation.hazard_255, rows, columns,
+        mask, table, mask if hazard is None else hazard, hazard is None, rows, columns,
         height_row(T_grid_camera, ground), count_limits(config), ground is not None,
         level if ground is None else ground.offset_m, level if ground is None else ground.floor_m,
-        tallies, rises, reasons,
+        tallies, rises,
     )  # fmt: skip
     points = np.empty((*spec.shape, 4), np.uint32)
     seen, doubt = np.empty(spec.shape, np.uint32), np.empty(spec.shape, np.uint32)
     kernel.unpack(tallies, points.reshape(-1), seen.reshape(-1), doubt.reshape(-1))
     above, below, raised = (rises[:, i].reshape(spec.shape) for i in range(3))
-    return Counted(points, seen, doubt, above, below, raised, *(int(r) for r in reasons))
+    void, out_of_height = (int(tally & np.uint64(0xFFFFFFFF)) for tally in tallies[-3:-1])
+    return Counted(points, seen, doubt, above, below, raised, void, out_of_height)
+
+
+def _mask(
+    segmentation: Segmentation, min_confidence: float
+) -> tuple[NDArray[np.uint8], NDArray[np.int32], NDArray[np.uint8] | None]:
+    """(h, w) ids, (256,) what each counts as + 256 * its hazard, and (h, w) hazards of the pixels, if any.
+
+    Without a confidence the ids say all: no array of the mask's size is made.
+    """
+    if segmentation.confidence is not None and min_confidence > 0:
+        return (
+            mask_codes(segmentation, min_confidence),
+            np.arange(256, dtype=np.int32),
+            segmentation.hazard_255,
+        )
+    codes = code_table(segmentation.label_set).astype(np.int32)
+    table = codes + 256 * np.where((codes == OBSTACLE) | (codes == PERSON), np.int32(255), np.int32(0))
+    own = segmentation.hazard is not None or segmentation.confidence is not None
+    return segmentation.labels, table, segmentation.hazard_255 if own else None
 
 
 def classify(

@@ -10,7 +10,7 @@ from swardmap.grid import GridSpec, OccupancyGrid
 from swardmap.labels import MapClass
 from swardmap.perception.geometric_obstacles import GeometricMarks
 from swardmap.perception.ground_surface import Ground, GroundPlane
-from swardmap.perception.passes import NOT_CONSISTENT, NOT_IN_RANGE, OUTSIDE, Counted, Placed
+from swardmap.perception.passes import Counted, Placed
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,17 +145,15 @@ def without_doubt(
 
 def pixel_counts(placed: Placed, counted: Counted) -> PixelCounts:
     """What became of the pixels, every pixel once."""
-    cells = placed.cells
-    in_no_cell = {why: int((cells == why).sum()) for why in (NOT_IN_RANGE, NOT_CONSISTENT, OUTSIDE)}
-    left_out = sum(in_no_cell.values()) + counted.void + counted.out_of_height + counted.merged
+    in_no_cell = placed.not_in_range + placed.not_consistent + placed.outside
     return PixelCounts(
-        pixels=cells.size,
+        pixels=placed.cells.size,
         no_reading=placed.no_reading,
-        out_of_range=in_no_cell[NOT_IN_RANGE] - placed.no_reading,
-        inconsistent=in_no_cell[NOT_CONSISTENT],
+        out_of_range=placed.not_in_range - placed.no_reading,
+        inconsistent=placed.not_consistent,
         void=counted.void,
         out_of_height=counted.out_of_height,
-        outside_grid=in_no_cell[OUTSIDE],
+        outside_grid=placed.outside,
         merged=counted.merged,
-        used=cells.size - left_out,
+        used=placed.cells.size - in_no_cell - counted.void - counted.out_of_height - counted.merged,
     )

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from swardmap.config import Config
 from swardmap.geometry import Pose
 from swardmap.grid import GridSpec
+from swardmap.labels import LabelSet
 from swardmap.perception.ground_surface import Ground, Sums
 from swardmap.types import Frame, Segmentation
 
@@ -32,11 +33,17 @@ class Placed:
         cells: (H, W) int32 flat index of each pixel's cell, or why it has none.
         sums: (cells, 3) int64 sum of heights in 0.1 mm, points, and lowest height of each cell.
         no_reading: pixels that are 0, NaN or infinite.
+        not_in_range: pixels nearer or farther than the limits, those without a reading among them.
+        not_consistent: pixels removed by the 3x3 consistency filter.
+        outside: pixels that fall beside the grid.
     """
 
     cells: NDArray[np.int32]
     sums: Sums
     no_reading: int
+    not_in_range: int
+    not_consistent: int
+    outside: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,10 +101,15 @@ class Backend(Protocol):
         """Class of each cell."""
 
 
+def code_table(label_set: LabelSet) -> NDArray[np.uint8]:
+    """(256,) uint8 what each id of a mask counts as."""
+    table = label_set.map_class_table
+    return np.where(table == 0, np.uint8(VOID), table)
+
+
 def mask_codes(segmentation: Segmentation, min_confidence: float) -> NDArray[np.uint8]:
     """(h, w) uint8 what each pixel of the mask counts as."""
-    table = segmentation.label_set.map_class_table
-    codes = np.where(table == 0, np.uint8(VOID), table)[segmentation.labels]
+    codes = code_table(segmentation.label_set)[segmentation.labels]
     unsure = segmentation.unsure(min_confidence)
     if unsure is not None:
         codes[unsure] = UNSURE

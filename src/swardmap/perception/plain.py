@@ -58,7 +58,8 @@ def place(frame: Frame, T_grid_camera: Pose, spec: GridSpec, config: Config) -> 
     cells[np.isnan(in_range)] = NOT_IN_RANGE
     cells[inside] = y[inside].astype(np.int32) * spec.width + x[inside].astype(np.int32)
     sums = sum_heights(cells[inside], xyz[inside][:, 2], spec)
-    return Placed(cells, sums, int(np.isnan(depth_m).sum()))
+    reasons = (int((cells == why).sum()) for why in (NOT_IN_RANGE, NOT_CONSISTENT, OUTSIDE))
+    return Placed(cells, sums, int(np.isnan(depth_m).sum()), *reasons)
 
 
 def sum_heights(cells: NDArray[np.int32], z_m: NDArray[np.float32], spec: GridSpec) -> Sums:
