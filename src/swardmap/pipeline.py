@@ -14,17 +14,11 @@ from swardmap.mapping.costmap import Costmap, Layer, build_costmap, check_frames
 from swardmap.mapping.last_seen_map import LastSeenMap, fixed_spec
 from swardmap.mapping.log_odds_map import LogOddsMap
 from swardmap.perception import compiled, plain
+from swardmap.perception.backend import Backend
 from swardmap.perception.cloud import filtered_cloud, within_height
-from swardmap.perception.geometric_obstacles import geometric_marks, with_marks
 from swardmap.perception.ground_surface import GroundPlane, find_ground
-from swardmap.perception.observation import (
-    Observation,
-    PixelCounts,
-    may_clear,
-    pixel_counts,
-    without_doubt,
-)
-from swardmap.perception.passes import Backend, height_row
+from swardmap.perception.observation import Observation, PixelCounts, pixel_counts
+from swardmap.perception.passes import height_row
 from swardmap.segmenter import Segmenter
 from swardmap.types import Frame, LabeledCloud, Segmentation
 
@@ -53,24 +47,18 @@ def observe(
         config: ranges, filters, points a cell needs, geometry, backend.
         earlier: ground that an earlier view has shown, for a view that shows none.
     """
-    passes, rules = BACKENDS[config.backend], config.grid
+    passes = BACKENDS[config.backend]
     T_grid_camera = spec.T_grid_map @ T_map_camera.of_child("camera")
     x, y, z = T_map_camera.position_m.tolist()
     viewpoint_m = (x, y, z)
 
     placed = passes.place(frame, T_grid_camera, spec, config)
-    ground = find_ground(placed.sums, spec, config.geometry, viewpoint_m, earlier)
+    ground = find_ground(placed.sums, spec, config.geometry, viewpoint_m, earlier, passes.fit_ground)
     counted = passes.count(frame, segmentation, placed, T_grid_camera, ground, spec, config)
-    clear = may_clear(counted, ground, rules.clear_below)
-    geometry = geometric_marks(counted, config.geometry) if config.geometry.enabled else None
-
-    semantic = passes.classify(counted.points, clear, rules.min_points, rules.min_grass_points)
-    points, classes = without_doubt(counted.points, clear, rules.min_points), semantic
-    if geometry is not None:
-        points, classes = with_marks(points, classes, geometry.marks, config.geometry.semantics)
+    cells = passes.judge(counted, ground, config)
     return Observation(
-        spec, classes, points, viewpoint_m, frame.stamp_ns, pixel_counts(placed, counted), semantic, ground,
-        geometry, height_row(T_grid_camera, ground),
+        spec, cells.classes, cells.points, viewpoint_m, frame.stamp_ns, pixel_counts(placed, counted),
+        cells.semantic, ground, cells.geometry, height_row(T_grid_camera, ground),
     )  # fmt: skip
 
 

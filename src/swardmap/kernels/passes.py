@@ -75,26 +75,38 @@ def _place_row(z_row, ray_x, ray_y, T, per_metre, keep, width, height, cell, ten
 
 
 @compiled(inline="never")
-def _raise_heights(cell, tenths, nowhere, sums):  # type: ignore[no-untyped-def]
+def _slot_row(cell, nowhere, slots):  # type: ignore[no-untyped-def]
+    """Row of the sums that each pixel belongs to: that of its cell, or one behind them for each reason."""
+    for u in range(cell.shape[0]):
+        slots[u] = cell[u] if cell[u] >= np.int32(0) else np.int32(nowhere - cell[u])
+
+
+@compiled()
+def _raise_height(cell, tenths, u, sums):  # type: ignore[no-untyped-def]
+    c, t = np.uint64(cell[u]), np.int64(tenths[u])
+    sums[c, 0] += t
+    sums[c, 1] += 1
+    sums[c, 2] = min(sums[c, 2], t)
+
+
+@compiled(inline="never")
+def _raise_heights(cell, tenths, sums):  # type: ignore[no-untyped-def]
     """Add the heights of a row to those of its cells, from eight places of the row in turn.
 
-    One sum then does not wait for the store of the one before. Pixels without a cell are counted behind them.
+    One sum then does not wait for the store of the one before. Unsigned, an index is not looked at for its sign.
     """
-    eighth = cell.shape[0] // 8
+    eighth = np.uint64(cell.shape[0] // 8)
     for i in range(eighth):
-        for k in range(8):
-            u = i + k * eighth
-            c = cell[u] if cell[u] >= 0 else nowhere - cell[u]
-            t = np.int64(tenths[u])
-            sums[c, 0] += t
-            sums[c, 1] += 1
-            sums[c, 2] = min(sums[c, 2], t)
-    for u in range(8 * eighth, cell.shape[0]):
-        c = cell[u] if cell[u] >= 0 else nowhere - cell[u]
-        t = np.int64(tenths[u])
-        sums[c, 0] += t
-        sums[c, 1] += 1
-        sums[c, 2] = min(sums[c, 2], t)
+        _raise_height(cell, tenths, i, sums)
+        _raise_height(cell, tenths, i + eighth, sums)
+        _raise_height(cell, tenths, i + np.uint64(2) * eighth, sums)
+        _raise_height(cell, tenths, i + np.uint64(3) * eighth, sums)
+        _raise_height(cell, tenths, i + np.uint64(4) * eighth, sums)
+        _raise_height(cell, tenths, i + np.uint64(5) * eighth, sums)
+        _raise_height(cell, tenths, i + np.uint64(6) * eighth, sums)
+        _raise_height(cell, tenths, i + np.uint64(7) * eighth, sums)
+    for u in range(np.uint64(8) * eighth, np.uint64(cell.shape[0])):
+        _raise_height(cell, tenths, u, sums)
 
 
 @compiled()
@@ -128,7 +140,7 @@ def place(  # type: ignore[no-untyped-def]
     nowhere = width * height - 1
     z_rows = np.full((3, W + 2), FAR_AWAY, np.float32)
     keep = np.ones(W, np.int32)
-    tenths = np.empty(W, np.int32)
+    tenths, slots = np.empty(W, np.int32), np.empty(W, np.int32)
     readings = depth_row(depth[0], unit_m, near, far, z_rows[0])
     for v in range(H):
         above, here, below = z_rows[(v + 2) % 3], z_rows[v % 3], z_rows[(v + 1) % 3]
@@ -139,7 +151,8 @@ def place(  # type: ignore[no-untyped-def]
         if needed > 0:
             agreeing_row(above, here, below, relative, absolute_m, needed, keep)
         _place_row(here, ray_x, ray_y[v], T, per_metre, keep, width, height, cells[v], tenths)
-        _raise_heights(cells[v], tenths, nowhere, sums)
+        _slot_row(cells[v], nowhere, slots)
+        _raise_heights(slots, tenths, sums)
     return readings
 
 
@@ -161,7 +174,7 @@ def _hazard_row(hazard, columns, told):  # type: ignore[no-untyped-def]
 def _ground_row(cell, offset_m, floor_m, offset, floor):  # type: ignore[no-untyped-def]
     """The ground under each pixel of a row: what is looked up stands apart, for it does not vectorise."""
     for u in range(cell.shape[0]):
-        at = max(cell[u], np.int32(0))
+        at = np.uint64(max(cell[u], np.int32(0)))
         offset[u] = offset_m[at]
         floor[u] = floor_m[at]
 
@@ -216,15 +229,33 @@ def _rise_row(depth, unit_m, ray_x, tail, up, limits, cell, told, offset, floor,
 
 
 @compiled(inline="never")
-def _raise_counters(index, told, tallies):  # type: ignore[no-untyped-def]
-    """Add one and the hazard to the counter of every pixel, from eight places of the row in turn."""
-    one, eighth = np.uint64(1), index.shape[0] // 8
+def _weigh_row(told, weights):  # type: ignore[no-untyped-def]
+    """What each pixel adds to its counter: one, and its hazard from bit 32 on."""
+    for u in range(told.shape[0]):
+        weights[u] = (np.uint64(told[u] >> np.int32(8)) << np.uint64(32)) | np.uint64(1)
+
+
+@compiled(inline="never")
+def _raise_counters(index, weights, tallies):  # type: ignore[no-untyped-def]
+    """Raise the counter of every pixel of a row, from eight places of it in turn (as _raise_heights)."""
+    eighth = np.uint64(index.shape[0] // 8)
     for i in range(eighth):
-        for k in range(8):
-            u = i + k * eighth
-            tallies[index[u]] += (np.uint64(told[u] >> np.int32(8)) << np.uint64(32)) | one
-    for u in range(8 * eighth, index.shape[0]):
-        tallies[index[u]] += (np.uint64(told[u] >> np.int32(8)) << np.uint64(32)) | one
+        tallies[np.uint64(index[i])] += weights[i]
+        tallies[np.uint64(index[i + eighth])] += weights[i + eighth]
+        u = i + np.uint64(2) * eighth
+        tallies[np.uint64(index[u])] += weights[u]
+        u = i + np.uint64(3) * eighth
+        tallies[np.uint64(index[u])] += weights[u]
+        u = i + np.uint64(4) * eighth
+        tallies[np.uint64(index[u])] += weights[u]
+        u = i + np.uint64(5) * eighth
+        tallies[np.uint64(index[u])] += weights[u]
+        u = i + np.uint64(6) * eighth
+        tallies[np.uint64(index[u])] += weights[u]
+        u = i + np.uint64(7) * eighth
+        tallies[np.uint64(index[u])] += weights[u]
+    for u in range(np.uint64(8) * eighth, np.uint64(index.shape[0])):
+        tallies[np.uint64(index[u])] += weights[u]
 
 
 @compiled()
@@ -253,33 +284,34 @@ def count(  # type: ignore[no-untyped-def]
         floor_m: (cells,) float32 height over the plane that a rise is measured from.
         tallies: (cells * 4 + 3,) uint64, written here: points, and the sum of their hazard from bit 32 on;
             behind the cells the pixels that are void, out of height, without a cell.
-        rises: (cells, 3) uint32, written here: points above, below, a little above and doubted.
+        rises: (3, cells) uint32, written here: points above, below, a little above and doubted.
     """
     H, W = depth.shape
     tallies[:] = np.uint64(0)
     rises[:] = np.uint32(0)
     index, rise, told = np.empty(W, np.int32), np.empty(W, np.int32), np.empty(W, np.int32)
-    offset, floor = np.empty(W, np.float32), np.empty(W, np.float32)
-    mask_row, rest = -1, 4 * rises.shape[0]
+    offset, floor, weights = np.empty(W, np.float32), np.empty(W, np.float32), np.empty(W, np.uint64)
+    mask_row, rest = -1, 4 * rises.shape[1]
     for v in range(H):
         if rows[v] != mask_row:
             mask_row = rows[v]
             _mask_row(mask[mask_row], columns, table, told)
             if not hard:
                 _hazard_row(hazard[mask_row], columns, told)
+            _weigh_row(told, weights)
         tail = up[1] * ray_y[v] + up[2]
         _ground_row(cells[v], offset_m, floor_m, offset, floor)
         _index_row(depth[v], unit_m, ray_x, tail, up, limits, cells[v], told, offset, rest, index)
         some = _rise_row(depth[v], unit_m, ray_x, tail, up, limits, cells[v], told, offset, floor, rise)
-        _raise_counters(index, told, tallies)
+        _raise_counters(index, weights, tallies)
         if grounded and some != 0:
             cell = cells[v]
             for u in range(W):
                 r = rise[u]
                 if r > 0:
-                    rises[cell[u], 0] += np.uint32(r & 1)
-                    rises[cell[u], 1] += np.uint32((r >> 1) & 1)
-                    rises[cell[u], 2] += np.uint32(r >> 2)
+                    rises[0, cell[u]] += np.uint32(r & 1)
+                    rises[1, cell[u]] += np.uint32((r >> 1) & 1)
+                    rises[2, cell[u]] += np.uint32(r >> 2)
 
 
 @compiled()
@@ -296,11 +328,53 @@ def unpack(tallies, points, seen, doubt):  # type: ignore[no-untyped-def]
 
 
 @compiled()
-def classify(points, clear, min_points, min_grass_points, classes):  # type: ignore[no-untyped-def]
-    """grid.classify_cells on flat counters; writes (cells,) uint8 MapClass."""
-    for i in range(classes.shape[0]):
-        grass, obstacle, person = points[4 * i + 1], points[4 * i + 2], points[4 * i + 3]
-        c = np.uint8(1) if clear[i] & (grass >= min_grass_points) else np.uint8(0)
-        if obstacle + person >= min_points:
-            c = np.uint8(3) if (person >= min_points) | (person >= obstacle) else np.uint8(2)
-        classes[i] = c
+def judge(  # type: ignore[no-untyped-def]
+    counted, seen, doubt, above, below, raised, grounded, clear_below, min_points, min_grass_points, geometric,
+    enough, always_enough, semantics, points, semantic, classes, marks, holes, doubted,
+):  # fmt: skip
+    """What each cell is: perception.plain.judge, cell by cell.
+
+    Args:
+        counted: (height, width, 4) uint32 points by MapClass.
+        seen, doubt, above, below, raised: (height, width) uint32 as in perception.passes.Counted.
+        grounded: whether the ground is known; else nothing may clear.
+        clear_below: largest mean hazard of a cell that may clear, in 255ths.
+        min_points: points of obstacle and person that mark a cell.
+        min_grass_points: points of grass that clear one.
+        geometric: whether depth marks.
+        enough: points off the ground that mark a cell.
+        always_enough: points that a geometric mark has at least.
+        semantics: whether the network is asked.
+        points, semantic, classes: (height, width, 4) uint32 and (height, width) uint8, written here.
+        marks, holes, doubted: (height, width) bool, written here.
+    """
+    zero = np.uint32(0)
+    for y in range(seen.shape[0]):
+        for x in range(seen.shape[1]):
+            unsure, grass = counted[y, x, 0], counted[y, x, 1]
+            obstacle, person = counted[y, x, 2], counted[y, x, 3]
+            few = obstacle + person < min_points
+            clear = grounded and np.float64(doubt[y, x]) <= clear_below * np.float64(seen[y, x])
+            c = np.uint8(1) if clear and grass >= min_grass_points else np.uint8(0)
+            if not few:
+                c = np.uint8(3) if person >= min_points or person >= obstacle else np.uint8(2)
+            semantic[y, x] = c
+            if few and not clear:
+                unsure, grass = np.uint32(unsure + grass), zero
+            if not semantics:
+                unsure, grass, obstacle, person, c = zero, zero, zero, zero, np.uint8(0)
+            stands, hole = above[y, x] >= enough, below[y, x] >= enough
+            little = raised[y, x] >= enough
+            mark = geometric and (stands or hole or little)
+            if mark:
+                obstacle, grass = max(np.uint32(obstacle + grass), always_enough), zero
+                c = max(c, np.uint8(2))
+            marks[y, x], holes[y, x] = mark, hole
+            doubted[y, x] = little and not (stands or hole)
+            points[y, x, 0], points[y, x, 1], points[y, x, 2], points[y, x, 3] = (
+                unsure,
+                grass,
+                obstacle,
+                person,
+            )
+            classes[y, x] = c

@@ -3,11 +3,20 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from swardmap.config import Config
+from swardmap.config import Config, GeometryConfig
 from swardmap.errors import ConfigError
 from swardmap.geometry import Pose
 from swardmap.grid import GridSpec
-from swardmap.perception.ground_surface import Ground
+from swardmap.perception.backend import Judged
+from swardmap.perception.geometric_obstacles import ALWAYS_ENOUGH, GeometricMarks
+from swardmap.perception.ground_surface import (
+    NEAR_PLANE_M,
+    Ground,
+    Sums,
+    block_cells,
+    largest_bend,
+    steepest,
+)
 from swardmap.perception.passes import (
     OBSTACLE,
     PERSON,
@@ -47,6 +56,19 @@ def place(frame: Frame, T_grid_camera: Pose, spec: GridSpec, config: Config) -> 
     return Placed(cells, sums[:-3], frame.depth.size - int(readings), *reasons)
 
 
+def fit_ground(sums: Sums, spec: GridSpec, config: GeometryConfig) -> Ground | None:
+    """The ground under the cells that were seen (twin: `ground_surface.fit_ground`)."""
+    from swardmap.kernels import ground as kernel
+
+    plane = np.empty(3)
+    offset_m, floor_m = np.empty(len(sums), np.float32), np.empty(len(sums), np.float32)
+    found = kernel.fit(
+        sums, spec.width, spec.height, spec.resolution_m, block_cells(spec, config), steepest(config),
+        largest_bend(config), np.array(NEAR_PLANE_M), plane, offset_m, floor_m,
+    )  # fmt: skip
+    return Ground(plane, offset_m, floor_m) if found else None
+
+
 def count(
     frame: Frame,
     segmentation: Segmentation,
@@ -63,8 +85,8 @@ def count(
     ray_x, ray_y = frame.intrinsics.ray_tables()
     level = np.zeros(n, np.float32)  # where no ground is known: heights in the map, and no marks
     tallies = np.empty(4 * n + 3, np.uint64)
-    rises = np.empty((n, 3), np.uint32)
-    rows, columns = (nearest_indices(a, b) for a, b in zip(frame.depth.shape, segmentation.labels.shape,
+    rises = np.empty((3, n), np.uint32)
+    rows, columns = (nearest_indices(a, b).astype(np.uint64) for a, b in zip(frame.depth.shape, segmentation.labels.shape,
                                                            strict=True))  # fmt: skip
     mask, table, hazard = _mask(segmentation, config.segmenter.min_confidence)
     kernel.count(
@@ -77,8 +99,8 @@ def count(
     points = np.empty((*spec.shape, 4), np.uint32)
     seen, doubt = np.empty(spec.shape, np.uint32), np.empty(spec.shape, np.uint32)
     kernel.unpack(tallies, points.reshape(-1), seen.reshape(-1), doubt.reshape(-1))
-    above, below, raised = (rises[:, i].reshape(spec.shape) for i in range(3))
-    void, out_of_height = (int(tally & np.uint64(0xFFFFFFFF)) for tally in tallies[-3:-1])
+    above, below, raised = rises.reshape(3, *spec.shape)
+    void, out_of_height = (int(tally) & 0xFFFFFFFF for tally in tallies[-3:-1])
     return Counted(points, seen, doubt, above, below, raised, void, out_of_height)
 
 
@@ -101,18 +123,21 @@ def _mask(
     return segmentation.labels, table, segmentation.hazard_255 if own else None
 
 
-def classify(
-    points: NDArray[np.uint32],
-    clear: NDArray[np.bool_],
-    min_points: int,
-    min_grass_points: int,
-) -> NDArray[np.uint8]:
-    """Class of each cell (twin: `grid.classify_cells`)."""
+def judge(counted: Counted, ground: Ground | None, config: Config) -> Judged:
+    """What may be cleared, what stands above the ground, and what each cell is by both."""
     from swardmap.kernels import passes as kernel
 
-    classes = np.empty(points.shape[:2], np.uint8)
-    kernel.classify(
-        np.ascontiguousarray(points).reshape(-1), clear.reshape(-1),
-        np.uint32(min_points), np.uint32(min_grass_points), classes.reshape(-1),
+    rules, geometry, shape = config.grid, config.geometry, counted.seen.shape
+    points = np.empty((*shape, 4), np.uint32)
+    semantic, classes = np.empty(shape, np.uint8), np.empty(shape, np.uint8)
+    marks, holes, doubted = np.empty(shape, np.bool_), np.empty(shape, np.bool_), np.empty(shape, np.bool_)
+    kernel.judge(
+        counted.points, counted.seen, counted.doubt, counted.above, counted.below, counted.raised,
+        ground is not None, 255 * rules.clear_below, np.uint32(rules.min_points),
+        np.uint32(rules.min_grass_points or rules.min_points), geometry.enabled,
+        np.uint32(geometry.min_points), np.uint32(ALWAYS_ENOUGH), geometry.semantics or not geometry.enabled,
+        points, semantic, classes, marks, holes, doubted,
     )  # fmt: skip
-    return classes
+    return Judged(
+        classes, points, semantic, GeometricMarks(marks, holes, doubted) if geometry.enabled else None
+    )

@@ -3,6 +3,7 @@
 A large slope goes into the plane, a gentle bend into the offsets, an obstacle into neither.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,7 @@ STEP_CELLS = 2  # a step is looked for this many cells around
 DENT_M = 0.05  # a block this much below those around it is a hole, not the ground
 FEWEST_CELLS = 12  # less ground than that is no ground
 LOWEST_CAMERA_M = 0.03  # a plane that is not so far below the camera is not what the robot stands on
+LANES = 64  # sums run in so many lanes (kernels.ground)
 NEAR_PLANE_M = (0.6, 0.4, 0.25, 0.2, 0.15, 0.15)  # how near to the plane counts, round by round
 
 Float32 = NDArray[np.float32]
@@ -77,12 +79,16 @@ class GroundPlane:
         return np.array([a, b, z + a * (ox - x) + b * (oy - y)])
 
 
+Fit = Callable[[Sums, GridSpec, GeometryConfig], Ground | None]
+
+
 def find_ground(
     sums: Sums,
     spec: GridSpec,
     config: GeometryConfig,
     viewpoint_m: tuple[float, float, float],
     earlier: GroundPlane | None = None,
+    fit: Fit | None = None,
 ) -> Ground | None:
     """The ground of a view; where it shows none, that of an earlier view nearby; None if neither is known.
 
@@ -92,8 +98,9 @@ def find_ground(
         config: how steep ground may be, and how far an earlier view serves.
         viewpoint_m: (x, y, z) of the camera in the map frame: ground lies below it.
         earlier: the last ground that was seen.
+        fit: `fit_ground`, or its compiled twin.
     """
-    ground = fit_ground(sums, spec, config)
+    ground = (fit or fit_ground)(sums, spec, config)
     if ground is not None and _is_below(GroundPlane.of(ground, spec, viewpoint_m), viewpoint_m):
         return ground
     if earlier is None or earlier.frame_id != spec.frame_id or config.carry_m <= 0:
@@ -125,16 +132,20 @@ def fit_ground(sums: Sums, spec: GridSpec, config: GeometryConfig) -> Ground | N
     height_m = np.minimum(mean_m, sums[seen, 2] / float(PER_METRE) + LOWEST_PART_M)
     iy, ix = np.divmod(seen, spec.width)
     x, y = (ix + 0.5) * spec.resolution_m, (iy + 0.5) * spec.resolution_m
-    side = max(1, round(config.ground_block_m / spec.resolution_m))
+    side = block_cells(spec, config)
     shape = (spec.height - 1) // side + 1, (spec.width - 1) // side + 1
     block = (iy // side) * shape[1] + ix // side
 
     chosen = _low_of_each(block, height_m)
-    plane = _robust_plane(x[chosen], y[chosen], height_m[chosen])
-    plane = _robust_plane(x, y, height_m, plane)
-    slope = float(np.hypot(plane[0], plane[1]))
-    limit = float(np.tan(np.deg2rad(config.max_slope_deg)))
-    if slope > limit:  # a wall fills the view
+    mid_x, mid_y = 0.5 * spec.width * spec.resolution_m, 0.5 * spec.height * spec.resolution_m
+    dx, dy = x - mid_x, y - mid_y
+    level = np.array([0.0, 0.0, np.sort(height_m[chosen])[int(LOW_SHARE * (len(chosen) - 1))]])
+    plane = _robust_plane(dx[chosen], dy[chosen], height_m[chosen], level, NEAR_PLANE_M)
+    plane = _robust_plane(dx, dy, height_m, plane, NEAR_PLANE_M[-2:])
+    plane[2] -= plane[0] * mid_x + plane[1] * mid_y
+    if plane[0] * plane[0] + plane[1] * plane[1] > steepest(config) * steepest(
+        config
+    ):  # a wall fills the view
         return None
     sloping = plane[0] * x + plane[1] * y + plane[2]
     over = height_m - sloping
@@ -142,7 +153,7 @@ def fit_ground(sums: Sums, spec: GridSpec, config: GeometryConfig) -> Ground | N
     chosen = _low_of_each(block, over)
     lows = np.full(shape, np.nan)
     lows.ravel()[block[chosen]] = over[chosen]
-    bend = float(np.tan(np.deg2rad(config.max_bend_deg)))
+    bend = largest_bend(config)
     offsets = _envelope(_without_dents(lows), bend * side * spec.resolution_m)
     offsets[np.isnan(lows)] = np.nan
     own = _interpolated(offsets, (iy + 0.5) / side - 0.5, (ix + 0.5) / side - 0.5)
@@ -153,36 +164,62 @@ def fit_ground(sums: Sums, spec: GridSpec, config: GeometryConfig) -> Ground | N
     return Ground(plane, offset_m, floor_m)
 
 
+def block_cells(spec: GridSpec, config: GeometryConfig) -> int:
+    """Side of a block in cells."""
+    return max(1, round(config.ground_block_m / spec.resolution_m))
+
+
+def steepest(config: GeometryConfig) -> float:
+    """Tangent of the steepest slope that is ground."""
+    return float(np.tan(np.deg2rad(config.max_slope_deg)))
+
+
+def largest_bend(config: GeometryConfig) -> float:
+    """Tangent of how much steeper the ground may get from one block to the next."""
+    return float(np.tan(np.deg2rad(config.max_bend_deg)))
+
+
 def _low_of_each(block: NDArray[np.int64], height_m: Float64) -> NDArray[np.intp]:
-    """Index of the cell at the low quantile of each block's heights."""
+    """Index of the cell at the low quantile of each block's heights, the first among equals."""
     level = np.clip((height_m + 1000.0) * 10000.0, 0, 2**31 - 1).astype(np.int64)
-    order = np.argsort(block * 2**31 + level)
+    order = np.argsort(block * 2**31 + level, kind="stable")
     starts = np.flatnonzero(np.diff(block[order], prepend=-1))
     sizes = np.diff(starts, append=len(order))
     return order[starts + (LOW_SHARE * (sizes - 1)).astype(np.intp)]
 
 
-def _robust_plane(x: Float64, y: Float64, z: Float64, start: Float64 | None = None) -> Float64:
+def _robust_plane(dx: Float64, dy: Float64, z: Float64, start: Float64, near_m: tuple[float, ...]) -> Float64:
     """Plane through most points: reweighted least squares, what is far from it counts less and less."""
-    if start is None:
-        start = np.array([0.0, 0.0, float(np.quantile(z, LOW_SHARE))])
-        scales: tuple[float, ...] = (1.5, *NEAR_PLANE_M)
-    else:
-        scales = NEAR_PLANE_M[-2:]
-    mid = (float(x.mean()), float(y.mean()))
-    dx, dy = x - mid[0], y - mid[1]
-    plane: Float64 = start + np.array([0, 0, start[0] * mid[0] + start[1] * mid[1]])
-    for scale in scales:
+    plane: Float64 = start.copy()
+    for near in near_m:
         off = z - (plane[0] * dx + plane[1] * dy + plane[2])
-        w = np.square(np.clip(1.0 - np.square(off / (3 * scale)), 0, None))  # Tukey's biweight
+        w = np.square(np.maximum(1.0 - np.square(off * (1.0 / (3.0 * near))), 0.0))  # Tukey's biweight
         wx, wy, wo = w * dx, w * dy, w * off
-        xx, xy, yy = (wx * dx).sum(), (wx * dy).sum(), (wy * dy).sum()  # no BLAS: one order of summing
-        normal = np.array([[xx, xy, wx.sum()], [xy, yy, wy.sum()], [wx.sum(), wy.sum(), w.sum()]])
-        right = np.array([(wo * dx).sum(), (wo * dy).sum(), wo.sum()])
-        step = np.linalg.solve(normal + 1e-6 * len(x) * np.eye(3), right)
-        plane = plane + step
-    plane[2] -= plane[0] * mid[0] + plane[1] * mid[1]
+        sums = [_sum(v) for v in (wx * dx, wx * dy, wy * dy, wx, wy, w, wo * dx, wo * dy, wo)]
+        plane += _step(*sums, ridge=1e-6 * len(z))
     return plane
+
+
+def _sum(values: Float64) -> float:
+    """Sum in as many lanes as the compiled twin has: the same to the last digit."""
+    lanes = np.zeros((len(values) + LANES - 1) // LANES * LANES)
+    lanes[: len(values)] = values
+    return float(np.cumsum(np.cumsum(lanes.reshape(-1, LANES), axis=0)[-1])[-1])
+
+
+def _step(
+    xx: float, xy: float, yy: float, wx: float, wy: float, w: float, right1: float, right2: float,
+    right3: float, ridge: float,
+) -> Float64:  # fmt: skip
+    """(3,) solution of the normal equations, by elimination; a ridge holds what the points leave open."""
+    xx, yy, w = xx + ridge, yy + ridge, w + ridge
+    l1, l2 = xy / xx, wx / xx
+    yy2, wy2 = yy - l1 * xy, wy - l1 * wx
+    l3 = wy2 / yy2
+    right2 -= l1 * right1
+    up = (right3 - l2 * right1 - l3 * right2) / (w - l2 * wx - l3 * wy2)
+    along = (right2 - wy2 * up) / yy2
+    return np.array([(right1 - xy * along - wx * up) / xx, along, up])
 
 
 def _without_dents(lows: Float64) -> Float64:
@@ -202,7 +239,7 @@ def _envelope(lows: Float64, rise_m: float) -> Float64:
     padded = np.full((h + 2, w + 2), np.inf)
     inner = padded[1:-1, 1:-1]
     inner[:] = np.where(np.isnan(lows), np.inf, lows)
-    steps = [(i, j, rise_m * float(np.hypot(i, j))) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j]
+    steps = [(i, j, rise_m * float(np.sqrt(i * i + j * j))) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j]
     for _ in range(h + w):
         before = inner.copy()
         for i, j, rise in steps:

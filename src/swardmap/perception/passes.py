@@ -6,17 +6,15 @@ is filtered once. Both backends are equal to the last digit (tests/perception/te
 """
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swardmap.config import Config
 from swardmap.geometry import Pose
-from swardmap.grid import GridSpec
 from swardmap.labels import LabelSet
 from swardmap.perception.ground_surface import Ground, Sums
-from swardmap.types import Frame, Segmentation
+from swardmap.types import Segmentation
 
 NOT_IN_RANGE, NOT_CONSISTENT, OUTSIDE = -1, -2, -3
 """In place of a cell: why a pixel has none."""
@@ -71,34 +69,6 @@ class Counted:
     void: int
     out_of_height: int
     merged: int = 0
-
-
-class Backend(Protocol):
-    """The two passes."""
-
-    def place(self, frame: Frame, T_grid_camera: Pose, spec: GridSpec, config: Config) -> Placed:
-        """Cell of every pixel, and heights of every cell (Eq. 1, Eq. 2)."""
-
-    def count(
-        self,
-        frame: Frame,
-        segmentation: Segmentation,
-        placed: Placed,
-        T_grid_camera: Pose,
-        ground: Ground | None,
-        spec: GridSpec,
-        config: Config,
-    ) -> Counted:
-        """What the pixels say of each cell, at their heights above the ground."""
-
-    def classify(
-        self,
-        points: NDArray[np.uint32],
-        clear: NDArray[np.bool_],
-        min_points: int,
-        min_grass_points: int,
-    ) -> NDArray[np.uint8]:
-        """Class of each cell."""
 
 
 def code_table(label_set: LabelSet) -> NDArray[np.uint8]:

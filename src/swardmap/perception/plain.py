@@ -10,6 +10,7 @@ from swardmap.config import CloudConfig, Config
 from swardmap.geometry import Pose, deproject, transform_points
 from swardmap.grid import GridSpec, classify_cells, count_points
 from swardmap.labels import LabelClass, LabelSet, Role
+from swardmap.perception.backend import Judged
 from swardmap.perception.cloud import (
     consistent_depth,
     crop_range,
@@ -17,7 +18,9 @@ from swardmap.perception.cloud import (
     remove_statistical_outliers,
     voxel_downsample,
 )
-from swardmap.perception.ground_surface import HIGHEST, PER_METRE, Ground, Sums
+from swardmap.perception.geometric_obstacles import geometric_marks, with_marks
+from swardmap.perception.ground_surface import HIGHEST, PER_METRE, Ground, Sums, fit_ground
+from swardmap.perception.observation import may_clear, without_doubt
 from swardmap.perception.passes import (
     NOT_CONSISTENT,
     NOT_IN_RANGE,
@@ -30,6 +33,8 @@ from swardmap.perception.passes import (
     mask_codes,
 )
 from swardmap.types import Frame, LabeledCloud, Segmentation, nearest_indices
+
+__all__ = ["count", "fit_ground", "judge", "place", "sum_heights"]
 
 CODES = LabelSet(
     (
@@ -161,11 +166,13 @@ def _thinned_points(
     return points, len(xyz) - len(cloud) + outside
 
 
-def classify(
-    points: NDArray[np.uint32],
-    clear: NDArray[np.bool_],
-    min_points: int,
-    min_grass_points: int,
-) -> NDArray[np.uint8]:
-    """Class of each cell: `grid.classify_cells`."""
-    return classify_cells(points, min_points, min_grass_points, clear)
+def judge(counted: Counted, ground: Ground | None, config: Config) -> Judged:
+    """What may be cleared, what stands above the ground, and what each cell is by both."""
+    rules, geometry = config.grid, config.geometry
+    clear = may_clear(counted, ground, rules.clear_below)
+    marks = geometric_marks(counted, geometry) if geometry.enabled else None
+    semantic = classify_cells(counted.points, rules.min_points, rules.min_grass_points, clear)
+    points, classes = without_doubt(counted.points, clear, rules.min_points), semantic
+    if marks is not None:
+        points, classes = with_marks(points, classes, marks.marks, geometry.semantics)
+    return Judged(classes, points, semantic, marks)
