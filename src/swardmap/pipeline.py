@@ -7,7 +7,7 @@ from time import perf_counter
 import numpy as np
 
 from swardmap.config import Config, MountConfig
-from swardmap.errors import ConfigError, InputError, InvalidValueError
+from swardmap.errors import ConfigError, FrameMismatchError, InputError, InvalidValueError
 from swardmap.geometry import Intrinsics, Pose, mount_pose
 from swardmap.grid import GridSpec, OccupancyGrid
 from swardmap.mapping.costmap import Costmap, Layer, build_costmap, check_frames
@@ -48,7 +48,7 @@ def observe(
         earlier: ground that an earlier view has shown, for a view that shows none.
     """
     passes = BACKENDS[config.backend]
-    T_grid_camera = spec.T_grid_map @ T_map_camera.of_child("camera")
+    T_grid_camera = _in_grid(T_map_camera, spec)
     x, y, z = T_map_camera.position_m.tolist()
     viewpoint_m = (x, y, z)
 
@@ -60,6 +60,17 @@ def observe(
         spec, cells.classes, cells.points, viewpoint_m, frame.stamp_ns, pixel_counts(placed, counted),
         cells.semantic, ground, cells.geometry, height_row(T_grid_camera, ground),
     )  # fmt: skip
+
+
+def _in_grid(T_map_camera: Pose, spec: GridSpec) -> Pose:
+    """spec.T_grid_map @ T_map_camera to the last digit, without checking three matrices."""
+    if T_map_camera.parent != spec.frame_id:
+        raise FrameMismatchError(
+            f"observe: expected a pose in the grid's frame '{spec.frame_id}', got '{T_map_camera.parent}'"
+        )
+    matrix = T_map_camera.matrix.copy()
+    matrix[:2, 3] -= spec.origin_m
+    return Pose("grid", "camera", matrix)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

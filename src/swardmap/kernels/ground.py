@@ -9,6 +9,7 @@ from swardmap.kernels.compiled import compiled
 from swardmap.kernels.passes import PER_METRE
 
 LANES = 64
+CHUNK = 32
 SUMS = 9
 FAR_OFF = 1e30
 """Height of what fills up the last lanes: it weighs nothing."""
@@ -18,7 +19,9 @@ TENTHS = np.float64(PER_METRE)
 
 
 @compiled()
-def _take_cells(sums, width, side, blocks_wide, mid, resolution_m, first, column, block, mean, height, dx, dy):  # type: ignore[no-untyped-def]  # fmt: skip
+def _take_cells(  # type: ignore[no-untyped-def]
+    sums, width, side, blocks_wide, mid, resolution_m, first, column, block, mean, height, dx, dy
+):
     """The cells that were seen, in order; first[iy] is the first of a row. Returns their number."""
     n = 0
     for iy in range(first.shape[0] - 1):
@@ -54,39 +57,49 @@ def _by_block(block, n, starts, order):  # type: ignore[no-untyped-def]
 
 
 @compiled(inline="never")
-def _up_to(levels, start, stop, level):  # type: ignore[no-untyped-def]
-    """How many levels of a range are no higher."""
+def _up_to(levels, chunks, level):  # type: ignore[no-untyped-def]
+    """How many levels of so many whole chunks are no higher."""
     n = np.int32(0)
-    for i in range(start, stop):
+    for i in range(chunks * CHUNK):
         n += np.int32(levels[i] <= level)
     return n
 
 
 @compiled()
+def _take_levels(height, order, start, stop, levels):  # type: ignore[no-untyped-def]
+    """Heights of one block as levels of 0.1 mm, filled up to whole chunks; lowest, highest."""
+    low, high = np.int32(2**31 - 1), np.int32(0)
+    for k in range(start, stop):
+        level = np.int32(min(max((height[order[k]] + 1000.0) * 10000.0, 0.0), 2147483647.0))
+        levels[k - start] = level
+        low, high = min(low, level), max(high, level)
+    for k in range(stop - start, (stop - start + CHUNK - 1) // CHUNK * CHUNK):
+        levels[k] = np.int32(2**31 - 1)
+    return low, high
+
+
+@compiled()
 def _low_of_each(height, starts, order, levels, chosen):  # type: ignore[no-untyped-def]
     """chosen[b] = cell at the low quantile of a block's heights, the first among equals; -1 = none seen."""
-    for k in range(starts[-1]):
-        levels[k] = np.int32(min(max((height[order[k]] + 1000.0) * 10000.0, 0.0), 2147483647.0))
     for b in range(chosen.shape[0]):
         start, stop = starts[b], starts[b + 1]
         chosen[b] = -1
         if start == stop:
             continue
-        rank = np.int64(LOW_SHARE * (stop - start - 1))
-        low, high = np.int64(levels[start]), np.int64(levels[start])
-        for k in range(start, stop):
-            low, high = min(low, np.int64(levels[k])), max(high, np.int64(levels[k]))
+        rank, chunks = np.int64(LOW_SHARE * (stop - start - 1)), (stop - start + CHUNK - 1) // CHUNK
+        lowest, highest = _take_levels(height, order, start, stop, levels)
+        low, high = np.int64(lowest), np.int64(highest)
         while low < high:
             middle = (low + high) // 2
-            if _up_to(levels, start, stop, np.int32(middle)) > rank:
+            if _up_to(levels, chunks, np.int32(middle)) > rank:
                 high = middle
             else:
                 low = middle + 1
-        left = rank - (_up_to(levels, start, stop, np.int32(low - 1)) if low > 0 else 0)
-        for k in range(start, stop):
+        left = rank - (_up_to(levels, chunks, np.int32(low - 1)) if low > lowest else 0)
+        for k in range(stop - start):
             if levels[k] == low:
                 if left == 0:
-                    chosen[b] = order[k]
+                    chosen[b] = order[start + k]
                     break
                 left -= 1
 

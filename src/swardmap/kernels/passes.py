@@ -93,7 +93,7 @@ def _raise_height(cell, tenths, u, sums):  # type: ignore[no-untyped-def]
 def _raise_heights(cell, tenths, sums):  # type: ignore[no-untyped-def]
     """Add the heights of a row to those of its cells, from eight places of the row in turn.
 
-    One sum then does not wait for the store of the one before. Unsigned, an index is not looked at for its sign.
+    One sum then does not wait for the store of the one before. An unsigned index is not asked for its sign.
     """
     eighth = np.uint64(cell.shape[0] // 8)
     for i in range(eighth):
@@ -254,8 +254,8 @@ def _raise_counters(index, weights, tallies):  # type: ignore[no-untyped-def]
         tallies[np.uint64(index[u])] += weights[u]
         u = i + np.uint64(7) * eighth
         tallies[np.uint64(index[u])] += weights[u]
-    for u in range(np.uint64(8) * eighth, np.uint64(index.shape[0])):
-        tallies[np.uint64(index[u])] += weights[u]
+    for left in range(np.uint64(8) * eighth, np.uint64(index.shape[0])):
+        tallies[np.uint64(index[left])] += weights[left]
 
 
 @compiled()
@@ -312,69 +312,3 @@ def count(  # type: ignore[no-untyped-def]
                     rises[0, cell[u]] += np.uint32(r & 1)
                     rises[1, cell[u]] += np.uint32((r >> 1) & 1)
                     rises[2, cell[u]] += np.uint32(r >> 2)
-
-
-@compiled()
-def unpack(tallies, points, seen, doubt):  # type: ignore[no-untyped-def]
-    """Tallies of `count` as points (cells * 4,), points of any class and sum of hazard (cells,), uint32."""
-    for i in range(seen.shape[0]):
-        n, h = np.uint64(0), np.uint64(0)
-        for k in range(4):
-            tally = tallies[4 * i + k]
-            points[4 * i + k] = np.uint32(tally & np.uint64(0xFFFFFFFF))
-            n += tally & np.uint64(0xFFFFFFFF)
-            h += tally >> np.uint64(32)
-        seen[i], doubt[i] = np.uint32(n), np.uint32(h)
-
-
-@compiled()
-def judge(  # type: ignore[no-untyped-def]
-    counted, seen, doubt, above, below, raised, grounded, clear_below, min_points, min_grass_points, geometric,
-    enough, always_enough, semantics, points, semantic, classes, marks, holes, doubted,
-):  # fmt: skip
-    """What each cell is: perception.plain.judge, cell by cell.
-
-    Args:
-        counted: (height, width, 4) uint32 points by MapClass.
-        seen, doubt, above, below, raised: (height, width) uint32 as in perception.passes.Counted.
-        grounded: whether the ground is known; else nothing may clear.
-        clear_below: largest mean hazard of a cell that may clear, in 255ths.
-        min_points: points of obstacle and person that mark a cell.
-        min_grass_points: points of grass that clear one.
-        geometric: whether depth marks.
-        enough: points off the ground that mark a cell.
-        always_enough: points that a geometric mark has at least.
-        semantics: whether the network is asked.
-        points, semantic, classes: (height, width, 4) uint32 and (height, width) uint8, written here.
-        marks, holes, doubted: (height, width) bool, written here.
-    """
-    zero = np.uint32(0)
-    for y in range(seen.shape[0]):
-        for x in range(seen.shape[1]):
-            unsure, grass = counted[y, x, 0], counted[y, x, 1]
-            obstacle, person = counted[y, x, 2], counted[y, x, 3]
-            few = obstacle + person < min_points
-            clear = grounded and np.float64(doubt[y, x]) <= clear_below * np.float64(seen[y, x])
-            c = np.uint8(1) if clear and grass >= min_grass_points else np.uint8(0)
-            if not few:
-                c = np.uint8(3) if person >= min_points or person >= obstacle else np.uint8(2)
-            semantic[y, x] = c
-            if few and not clear:
-                unsure, grass = np.uint32(unsure + grass), zero
-            if not semantics:
-                unsure, grass, obstacle, person, c = zero, zero, zero, zero, np.uint8(0)
-            stands, hole = above[y, x] >= enough, below[y, x] >= enough
-            little = raised[y, x] >= enough
-            mark = geometric and (stands or hole or little)
-            if mark:
-                obstacle, grass = max(np.uint32(obstacle + grass), always_enough), zero
-                c = max(c, np.uint8(2))
-            marks[y, x], holes[y, x] = mark, hole
-            doubted[y, x] = little and not (stands or hole)
-            points[y, x, 0], points[y, x, 1], points[y, x, 2], points[y, x, 3] = (
-                unsure,
-                grass,
-                obstacle,
-                person,
-            )
-            classes[y, x] = c

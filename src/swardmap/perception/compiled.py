@@ -79,26 +79,31 @@ def count(
     config: Config,
 ) -> Counted:
     """What the pixels say of each cell, at their heights above the ground."""
+    from swardmap.kernels import cells
     from swardmap.kernels import passes as kernel
 
     n = spec.width * spec.height
     ray_x, ray_y = frame.intrinsics.ray_tables()
-    level = np.zeros(n, np.float32)  # where no ground is known: heights in the map, and no marks
+    if ground is None:  # heights in the map, and no marks
+        offset_m = floor_m = np.zeros(n, np.float32)
+    else:
+        offset_m, floor_m = ground.offset_m, ground.floor_m
     tallies = np.empty(4 * n + 3, np.uint64)
     rises = np.empty((3, n), np.uint32)
-    rows, columns = (nearest_indices(a, b).astype(np.uint64) for a, b in zip(frame.depth.shape, segmentation.labels.shape,
-                                                           strict=True))  # fmt: skip
+    rows, columns = (
+        nearest_indices(a, b).astype(np.uint64)  # unsigned: a kernel need not look at the sign
+        for a, b in zip(frame.depth.shape, segmentation.labels.shape, strict=True)
+    )
     mask, table, hazard = _mask(segmentation, config.segmenter.min_confidence)
     kernel.count(
         frame.depth, np.float32(frame.depth_unit_m), ray_x, ray_y, placed.cells,
         mask, table, mask if hazard is None else hazard, hazard is None, rows, columns,
         height_row(T_grid_camera, ground), count_limits(config), ground is not None,
-        level if ground is None else ground.offset_m, level if ground is None else ground.floor_m,
-        tallies, rises,
+        offset_m, floor_m, tallies, rises,
     )  # fmt: skip
     points = np.empty((*spec.shape, 4), np.uint32)
     seen, doubt = np.empty(spec.shape, np.uint32), np.empty(spec.shape, np.uint32)
-    kernel.unpack(tallies, points.reshape(-1), seen.reshape(-1), doubt.reshape(-1))
+    cells.unpack(tallies, points.reshape(-1), seen.reshape(-1), doubt.reshape(-1))
     above, below, raised = rises.reshape(3, *spec.shape)
     void, out_of_height = (int(tally) & 0xFFFFFFFF for tally in tallies[-3:-1])
     return Counted(points, seen, doubt, above, below, raised, void, out_of_height)
@@ -125,19 +130,18 @@ def _mask(
 
 def judge(counted: Counted, ground: Ground | None, config: Config) -> Judged:
     """What may be cleared, what stands above the ground, and what each cell is by both."""
-    from swardmap.kernels import passes as kernel
+    from swardmap.kernels import cells as kernel
 
     rules, geometry, shape = config.grid, config.geometry, counted.seen.shape
     points = np.empty((*shape, 4), np.uint32)
     semantic, classes = np.empty(shape, np.uint8), np.empty(shape, np.uint8)
-    marks, holes, doubted = np.empty(shape, np.bool_), np.empty(shape, np.bool_), np.empty(shape, np.bool_)
+    marks = np.empty((3, *shape), np.bool_)
     kernel.judge(
-        counted.points, counted.seen, counted.doubt, counted.above, counted.below, counted.raised,
+        counted.points.reshape(-1), counted.seen.reshape(-1), counted.doubt.reshape(-1),
+        counted.above.reshape(-1), counted.below.reshape(-1), counted.raised.reshape(-1),
         ground is not None, 255 * rules.clear_below, np.uint32(rules.min_points),
         np.uint32(rules.min_grass_points or rules.min_points), geometry.enabled,
-        np.uint32(geometry.min_points), np.uint32(ALWAYS_ENOUGH), geometry.semantics or not geometry.enabled,
-        points, semantic, classes, marks, holes, doubted,
+        np.uint32(geometry.min_points), np.uint32(ALWAYS_ENOUGH), geometry.semantics,
+        points.reshape(-1), semantic.reshape(-1), classes.reshape(-1), marks.reshape(3, -1),
     )  # fmt: skip
-    return Judged(
-        classes, points, semantic, GeometricMarks(marks, holes, doubted) if geometry.enabled else None
-    )
+    return Judged(classes, points, semantic, GeometricMarks(*marks) if geometry.enabled else None)

@@ -196,7 +196,7 @@ def _robust_plane(dx: Float64, dy: Float64, z: Float64, start: Float64, near_m: 
         w = np.square(np.maximum(1.0 - np.square(off * (1.0 / (3.0 * near))), 0.0))  # Tukey's biweight
         wx, wy, wo = w * dx, w * dy, w * off
         sums = [_sum(v) for v in (wx * dx, wx * dy, wy * dy, wx, wy, w, wo * dx, wo * dy, wo)]
-        plane += _step(*sums, ridge=1e-6 * len(z))
+        plane += _step(sums, 1e-6 * len(z))
     return plane
 
 
@@ -207,11 +207,9 @@ def _sum(values: Float64) -> float:
     return float(np.cumsum(np.cumsum(lanes.reshape(-1, LANES), axis=0)[-1])[-1])
 
 
-def _step(
-    xx: float, xy: float, yy: float, wx: float, wy: float, w: float, right1: float, right2: float,
-    right3: float, ridge: float,
-) -> Float64:  # fmt: skip
+def _step(sums: list[float], ridge: float) -> Float64:
     """(3,) solution of the normal equations, by elimination; a ridge holds what the points leave open."""
+    xx, xy, yy, wx, wy, w, right1, right2, right3 = sums
     xx, yy, w = xx + ridge, yy + ridge, w + ridge
     l1, l2 = xy / xx, wx / xx
     yy2, wy2 = yy - l1 * xy, wy - l1 * wx

@@ -1,0 +1,127 @@
+"""What the cells of one frame are, compiled (twin: swardmap.perception.plain.judge).
+
+A loop for each array that is written: with few arrays to a loop, all of them vectorise.
+"""
+
+import numpy as np
+
+from swardmap.kernels.compiled import compiled
+
+GRASS, OBSTACLE, PERSON = np.uint8(1), np.uint8(2), np.uint8(3)
+
+
+@compiled()
+def unpack(tallies, points, seen, doubt):  # type: ignore[no-untyped-def]
+    """Tallies of `passes.count` as points (cells * 4,), points of any class and hazard (cells,), uint32."""
+    low = np.uint64(0xFFFFFFFF)
+    for i in range(seen.shape[0]):
+        n, h = np.uint64(0), np.uint64(0)
+        for k in range(4):
+            tally = tallies[4 * i + k]
+            points[4 * i + k] = np.uint32(tally & low)
+            n += tally & low
+            h += tally >> np.uint64(32)
+        seen[i], doubt[i] = np.uint32(n), np.uint32(h)
+
+
+@compiled(inline="never")
+def mark(above, below, raised, enough, marks, holes, doubted):  # type: ignore[no-untyped-def]
+    """perception.geometric_obstacles.geometric_marks on (cells,) uint32; writes (cells,) bool."""
+    for i in range(marks.shape[0]):
+        marks[i] = (above[i] >= enough) | (below[i] >= enough) | (raised[i] >= enough)
+    for i in range(holes.shape[0]):
+        holes[i] = below[i] >= enough
+    for i in range(doubted.shape[0]):
+        doubted[i] = (raised[i] >= enough) & (above[i] < enough) & (below[i] < enough)
+
+
+@compiled(inline="never")
+def clear(seen, doubt, clear_below, out):  # type: ignore[no-untyped-def]
+    """perception.observation.may_clear on (cells,) uint32, of a view whose ground is known."""
+    for i in range(out.shape[0]):
+        out[i] = np.float64(doubt[i]) <= clear_below * np.float64(seen[i])
+
+
+@compiled(inline="never")
+def classify(points, clear, min_points, min_grass_points, classes):  # type: ignore[no-untyped-def]
+    """grid.classify_cells on flat counters; writes (cells,) uint8 MapClass."""
+    for i in range(classes.shape[0]):
+        grass, obstacle, person = points[4 * i + 1], points[4 * i + 2], points[4 * i + 3]
+        c = GRASS if clear[i] & (grass >= min_grass_points) else np.uint8(0)
+        hazard = PERSON if (person >= min_points) | (person >= obstacle) else OBSTACLE
+        classes[i] = hazard if obstacle + person >= min_points else c
+
+
+@compiled(inline="never")
+def tell(points, clear, marks, min_points, always_enough, told):  # type: ignore[no-untyped-def]
+    """observation.without_doubt, then geometric_obstacles.with_marks; flat counters (cells * 4,)."""
+    none = np.uint32(0)
+    for i in range(clear.shape[0]):
+        unsure, grass = points[4 * i], points[4 * i + 1]
+        obstacle, person = points[4 * i + 2], points[4 * i + 3]
+        kept = clear[i] | (obstacle + person >= min_points)
+        unsure = unsure if kept else np.uint32(unsure + grass)
+        grass = grass if kept else none
+        hazard = np.uint32(obstacle + grass)
+        hazard = hazard if hazard > always_enough else always_enough
+        told[4 * i], told[4 * i + 1] = unsure, none if marks[i] else grass
+        told[4 * i + 2], told[4 * i + 3] = hazard if marks[i] else obstacle, person
+
+
+@compiled(inline="never")
+def tell_marks_alone(marks, always_enough, told):  # type: ignore[no-untyped-def]
+    """The same without the network's classes."""
+    for i in range(marks.shape[0]):
+        told[4 * i], told[4 * i + 1], told[4 * i + 3] = np.uint32(0), np.uint32(0), np.uint32(0)
+        told[4 * i + 2] = always_enough if marks[i] else np.uint32(0)
+
+
+@compiled(inline="never")
+def raise_to_marks(semantic, marks, classes):  # type: ignore[no-untyped-def]
+    """A mark of either is a mark; (cells,) uint8 MapClass."""
+    for i in range(classes.shape[0]):
+        c = OBSTACLE if marks[i] else np.uint8(0)
+        classes[i] = c if c > semantic[i] else semantic[i]
+
+
+@compiled()
+def judge(  # type: ignore[no-untyped-def]
+    counted, seen, doubt, above, below, raised, grounded, clear_below, min_points, min_grass_points,
+    geometric, enough, always_enough, semantics, points, semantic, classes, marks,
+):  # fmt: skip
+    """What each cell is, by the network's classes and by depth.
+
+    Args:
+        counted: (cells * 4,) uint32 points by MapClass.
+        seen: (cells,) uint32 points of any class.
+        doubt: (cells,) uint32 sum of their hazard.
+        above: (cells,) uint32 points above the ground.
+        below: (cells,) uint32 points below it.
+        raised: (cells,) uint32 points a little above it, and doubted.
+        grounded: whether the ground is known; else nothing may clear.
+        clear_below: largest mean hazard of a cell that may clear, in 255ths.
+        min_points: points of obstacle and person that mark a cell.
+        min_grass_points: points of grass that clear one.
+        geometric: whether depth marks.
+        enough: points off the ground that mark a cell.
+        always_enough: points that a geometric mark has at least.
+        semantics: whether the network is asked.
+        points: (cells * 4,) uint32, written here: points by MapClass, as a map takes them in.
+        semantic: (cells,) uint8, written here: MapClass by the network alone.
+        classes: (cells,) uint8, written here: MapClass of all evidence.
+        marks: (3, cells) bool, written here: geometric marks, holes, those that needed doubt.
+    """
+    may = np.zeros(seen.shape[0], np.bool_)
+    if grounded:
+        clear(seen, doubt, clear_below, may)
+    if geometric:
+        mark(above, below, raised, enough, marks[0], marks[1], marks[2])
+    else:
+        marks[:] = False
+    classify(counted, may, min_points, min_grass_points, semantic)
+    if semantics:
+        tell(counted, may, marks[0], min_points, always_enough, points)
+        raise_to_marks(semantic, marks[0], classes)
+    else:
+        tell_marks_alone(marks[0], always_enough, points)
+        raise_to_marks(np.zeros(seen.shape[0], np.uint8), marks[0], classes)
