@@ -1,19 +1,28 @@
-"""Depth and mask to grid: the fused kernel against other ways to do the same work, in one run.
+"""Depth and mask to what a frame says of its cells: `observe` against other ways to do less, in one run.
 
     python benchmarks/bench_pipeline.py            # about two minutes
     python benchmarks/bench_pipeline.py --memory   # also 10,000 frames, for the peak memory
 
 All cases take the same 12 VGA frames (analytic garden, stereo noise, 448 x 448 masks) in turn, round
-robin, so that a slow moment of the machine hits all alike. Medians; ratios are what can be trusted.
+robin, so that a slow moment of the machine hits all alike. Medians of processor time; ratios are what can
+be trusted.
 Open3D is measured when it is installed: pip install open3d.
+
+Against another commit, turn by turn in two processes, processor time of the thread:
+
+    git worktree add ../swardmap-old bbf8619
+    python benchmarks/bench_pipeline.py --against ../swardmap-old
 """
 
 import argparse
 import os
 import resource
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # its threads and Open3D's hinder each other
@@ -135,31 +144,85 @@ def _grid_of(points: NDArray[np.floating], labels: NDArray[np.uint8], spec: Grid
 
 
 def measure(cases: dict[str, Case], pairs: list[tuple[Frame, Segmentation]], rounds: int) -> dict[str, float]:
-    """Median milliseconds a frame of each case, round robin."""
+    """Median milliseconds of processor time (all threads) a frame of each case, round robin."""
     for case in cases.values():
         case(*pairs[0])
     times: dict[str, list[float]] = {name: [] for name in cases}
     for i in range(rounds):
         for name, case in cases.items():
-            started = time.perf_counter()
+            started = time.process_time()
             case(*pairs[i % len(pairs)])
-            times[name].append(1e3 * (time.perf_counter() - started))
+            times[name].append(1e3 * (time.process_time() - started))
     return {name: float(np.median(values)) for name, values in times.items()}
 
 
+WORKER = """
+import sys, time
+from bench_pipeline import frames_and_masks, fused
+
+pairs = frames_and_masks(12)
+fused(*pairs[0])
+print("ready", flush=True)
+for _ in sys.stdin:
+    took = []
+    for pair in pairs:
+        started = time.thread_time()
+        fused(*pair)
+        took.append(time.thread_time() - started)
+    print(*took, flush=True)
+"""
+
+
+def against(old: Path, rounds: int) -> dict[str, list[float]]:
+    """Milliseconds of processor time a frame, of this checkout and another, 12 frames in turn."""
+    folders = {"here": Path(__file__).parents[1], str(old): old}
+    workers = {
+        name: subprocess.Popen(
+            [sys.executable, "-c", WORKER],
+            env={**os.environ, "PYTHONPATH": f"{folder / 'src'}:{folder / 'benchmarks'}"},
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+        )
+        for name, folder in folders.items()
+    }  # fmt: skip
+    times: dict[str, list[float]] = {name: [] for name in workers}
+    for i in range(-1, rounds):
+        for name, worker in workers.items():
+            assert worker.stdin is not None
+            assert worker.stdout is not None
+            if i >= 0:
+                worker.stdin.write("\n")
+                worker.stdin.flush()
+            told = worker.stdout.readline().split()
+            if i > 0:  # the first round warms up
+                times[name] += [1e3 * float(seconds) for seconds in told]
+    for worker in workers.values():
+        worker.communicate()
+    return times
+
+
+def print_against(old: Path, rounds: int) -> None:
+    """Median and minimum of both, and their ratios."""
+    times = against(old, rounds)
+    for name, values in times.items():
+        print(f"{name:<42}{np.median(values):>12.2f} ms median{min(values):>8.2f} ms minimum")
+    new, base = times.values()
+    medians, minima = np.median(new) / np.median(base), min(new) / min(base)
+    print(f"ratio of medians {medians:.2f}, of minima {minima:.2f}")
+
+
 def files_to_map(pairs: list[tuple[Frame, Segmentation]]) -> float:
-    """Frames a second from PNG depth and JPEG colour to the accumulated map, segmentation left out."""
+    """Frames a second of processor time from PNG depth and JPEG colour to the map, without segmentation."""
     encoded = [
         (cv2.imencode(".png", f.depth)[1], cv2.imencode(".jpg", f.rgb[..., ::-1])[1], f, m) for f, m in pairs
     ]
     mapper = LastSeenMap(Config().grid)
-    started = time.perf_counter()
+    started = time.process_time()
     for depth, color, frame, mask in encoded:
         images: list[Any] = [cv2.imdecode(depth, cv2.IMREAD_UNCHANGED), cv2.imdecode(color, cv2.IMREAD_COLOR)]
         read = replace(frame, depth=images[0], rgb=cv2.cvtColor(images[1], cv2.COLOR_BGR2RGB))
         assert read.T_map_camera is not None
         mapper.integrate(observe(read, mask, read.T_map_camera, spec_of(read), Config()))
-    return len(encoded) / (time.perf_counter() - started)
+    return len(encoded) / (time.process_time() - started)
 
 
 def memory_over(pairs: list[tuple[Frame, Segmentation]], count: int) -> list[tuple[int, float]]:
@@ -193,12 +256,16 @@ def main() -> None:
     )
     parser.add_argument("--rounds", type=int, default=60)
     parser.add_argument("--memory", action="store_true")
+    parser.add_argument("--against", type=Path, help="checkout of another commit")
     arguments = parser.parse_args()
+    if arguments.against is not None:
+        print_against(arguments.against.resolve(), arguments.rounds)
+        return
     pairs = frames_and_masks(12)
     cases: dict[str, Case] = {
-        "fused kernel with 3x3 filter": fused,
-        "fused kernel, no filter": fused_without_filter,
-        "staged NumPy with 3x3 filter": staged,
+        "observe, compiled (the default)": fused,
+        "observe, compiled, no 3x3 filter": fused_without_filter,
+        "observe, plain NumPy (the twin)": staged,
         "plain float64 NumPy, no filter": plain_numpy,
     }
     if DEPTH_TO_3D is not None:
@@ -210,11 +277,11 @@ def main() -> None:
     else:
         cases["Open3D + voxel grid + outliers + NumPy"] = open3d_chain(open3d)
     medians = measure(cases, pairs, arguments.rounds)
-    print(f"{'640 x 480, 0.05 m cells':<42}{'ms a frame':>12}{'x fused':>10}")
+    print(f"{'640 x 480, 0.05 m cells':<42}{'ms a frame':>12}{'x default':>10}")
     for name, milliseconds in medians.items():
-        ratio = milliseconds / medians["fused kernel with 3x3 filter"]
+        ratio = milliseconds / medians["observe, compiled (the default)"]
         print(f"{name:<42}{milliseconds:>12.2f}{ratio:>10.1f}")
-    print(f"PNG + JPEG files to map, one core: {files_to_map(pairs * 4):.0f} frames/s")
+    print(f"PNG + JPEG files to map, {files_to_map(pairs * 4):.0f} frames a second of processor time")
     if arguments.memory:
         for count, megabytes in memory_over(pairs, 10_000):
             print(f"peak memory after {count:>6} frames: {megabytes:.0f} MB")
