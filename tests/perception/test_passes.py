@@ -13,7 +13,8 @@ from swardmap.errors import ConfigError
 from swardmap.geometry import Intrinsics, Pose, mount_pose
 from swardmap.grid import GridSpec
 from swardmap.labels import GRASS_OBSTACLE_PERSON, MapClass
-from swardmap.perception.ground_surface import GroundPlane
+from swardmap.perception import compiled
+from swardmap.perception.ground_surface import GroundPlane, fit_ground
 from swardmap.perception.observation import Observation
 from swardmap.pipeline import observe
 from swardmap.types import Frame, Segmentation
@@ -84,8 +85,15 @@ def random_config(rng: np.random.Generator) -> Config:
         min_height_m=float(rng.choice([-1.0, -0.3])),
         consistent_neighbours=int(rng.integers(0, 9)),
     )
+    enabled = bool(rng.random() < 0.8)
     geometry = GeometryConfig(
-        enabled=bool(rng.random() < 0.8), min_points=int(rng.integers(1, 6)), doubt_above=float(rng.random())
+        enabled=enabled,
+        semantics=not enabled or bool(rng.random() < 0.8),
+        min_points=int(rng.integers(1, 6)),
+        doubt_above=float(rng.random()),
+        ground_block_m=float(rng.choice([0.1, 0.4, 2.0])),
+        max_bend_deg=float(rng.choice([0.0, 12.0, 30.0])),
+        max_slope_deg=float(rng.choice([10.0, 30.0, 60.0])),
     )
     k_mark, k_clear = (int(k) for k in rng.integers(1, 4, 2))
     grid = GridConfig(min_points=k_mark, min_grass_points=k_clear, clear_below=float(rng.random()))
@@ -114,10 +122,35 @@ def test_backends_agree_on_random_frames(seed: int) -> None:
     )
     for name in ("classes", "points", "semantic", "ground_m", "height_row"):
         np.testing.assert_array_equal(getattr(fast, name), getattr(plain, name), err_msg=name)
+    assert (fast.ground is None) == (plain.ground is None)
+    if fast.ground is not None and plain.ground is not None:
+        for name in ("plane", "offset_m", "floor_m"):
+            np.testing.assert_array_equal(getattr(fast.ground, name), getattr(plain.ground, name), name)
+    assert (fast.geometry is None) == (plain.geometry is None)
     if fast.geometry is not None and plain.geometry is not None:
         for name in ("marks", "holes", "doubted"):
             np.testing.assert_array_equal(getattr(fast.geometry, name), getattr(plain.geometry, name))
     assert fast.counts == plain.counts
+
+
+@settings(max_examples=150, deadline=None)
+@given(seeds)
+def test_backends_fit_the_same_ground_to_whatever_was_seen(seed: int) -> None:
+    """Few heights, so that many cells of a block are equally low; holes, steps and far-off heights."""
+    rng = np.random.default_rng(seed)
+    spec = GridSpec(float(rng.choice([0.05, 0.1, 0.37])), int(rng.integers(1, 70)), int(rng.integers(1, 70)))
+    n = spec.width * spec.height
+    points = rng.integers(0, 4, n) * (rng.random(n) < rng.random())
+    low = rng.choice([0, 100, -300, 5000], n) + rng.integers(0, 1 + int(rng.choice([1, 20, 3000])), n)
+    low += int(rng.choice([0, -30_000, 10_000_000]))
+    sums = np.stack([low * points + rng.integers(0, 500, n) * points, points, low], axis=1)
+    sums[points == 0] = 0, 0, 2**31 - 1
+    config = random_config(rng).geometry
+    fast, plain = compiled.fit_ground(sums, spec, config), fit_ground(sums, spec, config)
+    assert (fast is None) == (plain is None)
+    if fast is not None and plain is not None:
+        for name in ("plane", "offset_m", "floor_m"):
+            np.testing.assert_array_equal(getattr(fast, name), getattr(plain, name), name)
 
 
 @settings(max_examples=60, deadline=None)
