@@ -52,6 +52,15 @@ def agreeing_row(above, here, below, relative, absolute_m, needed, keep):  # typ
 
 
 @compiled(inline="never")
+def _how_many(row, above):  # type: ignore[no-untyped-def]
+    """Numbers of a row that are larger: rows of sky, or farther than the range, need no further work."""
+    n = np.int32(0)
+    for u in range(row.shape[0]):
+        n += np.int32(row[u] > above)
+    return n
+
+
+@compiled(inline="never")
 def _place_row(z_row, ray_x, ray_y, T, per_metre, keep, width, height, cell, tenths):  # type: ignore[no-untyped-def]
     """Cell of each pixel of a row, or why it has none, and its height: Eq. 1, the pose, Eq. 2."""
     t00, t01, t02, t03 = T[0, 0], T[0, 1], T[0, 2], T[0, 3]
@@ -148,6 +157,10 @@ def place(  # type: ignore[no-untyped-def]
             readings += depth_row(depth[v + 1], unit_m, near, far, below)
         else:
             below[:] = FAR_AWAY
+        if _how_many(here, np.float32(0)) == 0:
+            cells[v] = NOT_IN_RANGE
+            sums[nowhere - NOT_IN_RANGE, 1] += W
+            continue
         if needed > 0:
             agreeing_row(above, here, below, relative, absolute_m, needed, keep)
         _place_row(here, ray_x, ray_y[v], T, per_metre, keep, width, height, cells[v], tenths)
@@ -283,7 +296,7 @@ def count(  # type: ignore[no-untyped-def]
         offset_m: (cells,) float32 height of the ground over its plane.
         floor_m: (cells,) float32 height over the plane that a rise is measured from.
         tallies: (cells * 4 + 3,) uint64, written here: points, and the sum of their hazard from bit 32 on;
-            behind the cells the pixels that are void, out of height, without a cell.
+            behind the cells the pixels that are void, out of height; and some without a cell.
         rises: (3, cells) uint32, written here: points above, below, a little above and doubted.
     """
     H, W = depth.shape
@@ -293,6 +306,8 @@ def count(  # type: ignore[no-untyped-def]
     offset, floor, weights = np.empty(W, np.float32), np.empty(W, np.float32), np.empty(W, np.uint64)
     mask_row, rest = -1, 4 * rises.shape[1]
     for v in range(H):
+        if _how_many(cells[v], np.int32(-1)) == 0:
+            continue
         if rows[v] != mask_row:
             mask_row = rows[v]
             _mask_row(mask[mask_row], columns, table, told)
