@@ -299,3 +299,24 @@ def test_doubt_about_grass_does_not_take_obstacles_away(flat_lawn: tuple[Frame, 
         marks.append(observe(frame, mask, frame.T_map_camera, spec, config).classes >= MapClass.OBSTACLE)
     assert marks[0].sum() > 20
     assert all(np.array_equal(marks[0], later) for later in marks)
+
+
+@pytest.mark.parametrize("backend", ["compiled", "plain"])
+def test_depth_that_a_source_has_filtered_is_not_filtered_again(
+    flat_lawn: tuple[Frame, Segmentation], backend: str
+) -> None:
+    frame, segmentation = flat_lawn
+    assert frame.T_map_camera is not None
+    sparse = np.full_like(frame.depth, np.nan)
+    sparse[::3, ::3] = frame.depth[::3, ::3]  # no pixel has a neighbour
+    config = Config(backend=backend)
+    spec = GridSpec(0.1, 80, 80, (0.0, -4.0))
+    raw, filtered = (
+        observe(
+            replace(frame, depth=sparse, depth_filtered=told), segmentation, frame.T_map_camera, spec, config
+        )
+        for told in (False, True)
+    )
+    assert raw.counts.used == 0
+    assert filtered.counts.inconsistent == 0
+    assert filtered.counts.used > 500

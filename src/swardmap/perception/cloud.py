@@ -43,6 +43,14 @@ def label_cloud(
     return LabeledCloud(xyz[seen], labels[seen], frame_id, segmentation.label_set, frame.stamp_ns)
 
 
+def neighbours_needed(frame: Frame, config: CloudConfig) -> int:
+    """Neighbours that must agree; 0 where the source has filtered depth as it came, before it was aligned.
+
+    After depth was rendered into a finer image, flying pixels agree with their own copies.
+    """
+    return 0 if frame.depth_filtered else config.consistent_neighbours
+
+
 def crop_range(depth_m: NDArray[np.float32], min_m: float, max_m: float) -> NDArray[np.float32]:
     """Depth with everything outside [min_m, max_m] set to NaN."""
     keep = (depth_m >= np.float32(min_m)) & (depth_m <= np.float32(max_m))
@@ -84,7 +92,7 @@ def filtered_cloud(frame: Frame, segmentation: Segmentation, config: CloudConfig
     """The labelled cloud of a frame after range crop and consistency filter, in the camera frame."""
     depth_m = crop_range(frame.depth_m, config.min_range_m, config.max_range_m)
     depth_m = consistent_depth(
-        depth_m, config.consistent_neighbours, config.consistency_relative, config.consistency_m
+        depth_m, neighbours_needed(frame, config), config.consistency_relative, config.consistency_m
     )
     return label_cloud(frame, segmentation, depth_m)
 

@@ -8,6 +8,7 @@ from swardmap.errors import ConfigError
 from swardmap.geometry import Pose
 from swardmap.grid import GridSpec
 from swardmap.perception.backend import Judged
+from swardmap.perception.cloud import neighbours_needed
 from swardmap.perception.geometric_obstacles import ALWAYS_ENOUGH, GeometricMarks
 from swardmap.perception.ground_surface import (
     NEAR_PLANE_M,
@@ -49,8 +50,9 @@ def place(frame: Frame, T_grid_camera: Pose, spec: GridSpec, config: Config) -> 
     ray_x, ray_y = frame.intrinsics.ray_tables()
     readings = kernel.place(
         frame.depth, np.float32(frame.depth_unit_m), ray_x, ray_y,
-        T_grid_camera.matrix[:3].astype(np.float32), depth_limits(config), config.cloud.consistent_neighbours,
-        spec.width, spec.height, np.float32(1.0 / spec.resolution_m), cells, sums,
+        T_grid_camera.matrix[:3].astype(np.float32), depth_limits(config),
+        neighbours_needed(frame, config.cloud), spec.width, spec.height,
+        np.float32(1.0 / spec.resolution_m), cells, sums,
     )  # fmt: skip
     reasons = sums[-3:, 1].tolist()
     return Placed(cells, sums[:-3], frame.depth.size - int(readings), *reasons)

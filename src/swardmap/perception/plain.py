@@ -14,6 +14,7 @@ from swardmap.perception.backend import Judged
 from swardmap.perception.cloud import (
     consistent_depth,
     crop_range,
+    neighbours_needed,
     remove_radius_outliers,
     remove_statistical_outliers,
     voxel_downsample,
@@ -52,7 +53,7 @@ def place(frame: Frame, T_grid_camera: Pose, spec: GridSpec, config: Config) -> 
     cloud, depth_m = config.cloud, frame.depth_m
     in_range = crop_range(depth_m, cloud.min_range_m, cloud.max_range_m)
     kept = consistent_depth(
-        in_range, cloud.consistent_neighbours, cloud.consistency_relative, cloud.consistency_m
+        in_range, neighbours_needed(frame, cloud), cloud.consistency_relative, cloud.consistency_m
     )
     xyz = transform_points(deproject(kept, frame.intrinsics), T_grid_camera)
     per_metre = np.float32(1.0 / spec.resolution_m)

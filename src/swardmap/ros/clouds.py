@@ -10,7 +10,7 @@ from swardmap.geometry import deproject
 from swardmap.grid import OccupancyGrid
 from swardmap.io.bags.ros_fields import POINT, Fields, packed_cloud_fields, point_cloud_fields
 from swardmap.labels import VOID_ID, LabelSet, MapClass
-from swardmap.perception.cloud import consistent_depth, crop_range
+from swardmap.perception.cloud import consistent_depth, crop_range, neighbours_needed
 from swardmap.pipeline import StepResult
 from swardmap.types import Frame, Segmentation, nearest_indices
 
@@ -62,7 +62,7 @@ def frame_points(
     """
     depth_m = crop_range(frame.depth_m, config.min_range_m, config.max_range_m)
     depth_m = consistent_depth(
-        depth_m, config.consistent_neighbours, config.consistency_relative, config.consistency_m
+        depth_m, neighbours_needed(frame, config), config.consistency_relative, config.consistency_m
     )
     xyz = deproject(depth_m, frame.intrinsics).reshape(-1, 3)
     labels = segmentation.resized_to(*depth_m.shape).labels.reshape(-1)
@@ -179,7 +179,7 @@ def _points(
         depth, np.float32(frame.depth_unit_m), mask,
         nearest_indices(depth.shape[0], mask.shape[0]), nearest_indices(depth.shape[1], mask.shape[1]),
         table.astype(np.int32), *frame.intrinsics.ray_tables(), height_row,
-        limits, config.consistent_neighbours, int(lowest), stride, packed["xyz"], packed["label"],
+        limits, neighbours_needed(frame, config), int(lowest), stride, packed["xyz"], packed["label"],
     )  # fmt: skip
     return packed[:count]
 
