@@ -27,8 +27,8 @@ from swardmap.synth.assets import Assets, open_assets
 from swardmap.synth.light import sample_light
 from swardmap.synth.model import Float32Array, Garden, Light, View
 from swardmap.synth.render import GardenRenderer
+from swardmap.synth.scene.camera_path import mowing_run, random_rig
 from swardmap.synth.scene.garden import build_garden
-from swardmap.synth.scene.run import mowing_run, random_rig
 
 GARDENS = (0, 1, 2, 3)
 WARM, TIMED = 2, 6

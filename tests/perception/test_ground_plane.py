@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from swardmap.errors import InputError, InvalidValueError
 from swardmap.geometry import Intrinsics, Pose, deproject, mount_pose
 from swardmap.labels import GRASS, OTHER
-from swardmap.perception.ground_plane import Plane, estimate_mount, fit_ground, level_pose
+from swardmap.perception.ground_plane import Plane, estimate_mount, fit_ground_plane, level_pose
 from swardmap.synth.analytic import AnalyticSource, Box, Scene, StereoNoise, garden_scene, lane_poses, render
 from swardmap.types import Frame
 
@@ -120,40 +120,40 @@ def test_near_ground_counts_more_than_far_ground() -> None:
     angle = np.linspace(0, 2 * np.pi, 4_000, endpoint=False)
     ring = np.stack((np.cos(angle), np.sin(angle), np.zeros(4_000)), axis=-1)
     points = np.concatenate((1.5 * ring, 9.5 * ring + [0, 0, 0.04]))
-    plane = fit_ground(points, (0, 0, 1), viewpoint=(0, 0, 0.3))
+    plane = fit_ground_plane(points, (0, 0, 1), viewpoint=(0, 0, 0.3))
     assert plane.offset_m == pytest.approx(0.0057, abs=0.0005)
 
 
 def test_what_is_too_small_below_the_ground_does_not_win() -> None:
     points = np.concatenate((slab((-2, -2, 0), (2, 2, 0), 9_500), slab((0, 0, -1), (1, 1, -1), 500)))
-    plane = fit_ground(points, (0, 0, 1), viewpoint=(0, 0, 1))
+    plane = fit_ground_plane(points, (0, 0, 1), viewpoint=(0, 0, 1))
     assert plane.offset_m == pytest.approx(0, abs=1e-9)
     assert plane.inlier_share == pytest.approx(0.95)
-    deeper = fit_ground(points, (0, 0, 1), viewpoint=(0, 0, 1), min_share=0.04)
+    deeper = fit_ground_plane(points, (0, 0, 1), viewpoint=(0, 0, 1), min_share=0.04)
     assert deeper.offset_m == pytest.approx(-1, abs=1e-9)
 
 
 def test_a_ceiling_is_no_ground() -> None:
     ceiling = slab((-2, -2, 2.4), (2, 2, 2.4), 20_000)
     with pytest.raises(InputError, match="no plane below the camera"):
-        fit_ground(ceiling, (0, 0, 1), viewpoint=(0, 0, 1))
+        fit_ground_plane(ceiling, (0, 0, 1), viewpoint=(0, 0, 1))
     both = np.concatenate((ceiling, slab((-2, -2, 0), (2, 2, 0), 4_000)))
-    assert fit_ground(both, (0, 0, 1), viewpoint=(0, 0, 1)).offset_m == pytest.approx(0, abs=1e-9)
+    assert fit_ground_plane(both, (0, 0, 1), viewpoint=(0, 0, 1)).offset_m == pytest.approx(0, abs=1e-9)
 
 
 def test_the_ground_must_be_within_the_angle_of_up() -> None:
     slope = slab((-3, -3, 0), (3, 3, 0), 5_000)
     slope[:, 2] = np.tan(np.deg2rad(30)) * slope[:, 0]
-    plane = fit_ground(slope, (0, 0, 2.5), viewpoint=(0, 0, 3), max_tilt_deg=31)
+    plane = fit_ground_plane(slope, (0, 0, 2.5), viewpoint=(0, 0, 3), max_tilt_deg=31)
     np.testing.assert_allclose(plane.normal, [-0.5, 0, np.cos(np.deg2rad(30))], atol=1e-9)
     with pytest.raises(InputError, match="within 29 degrees"):
-        fit_ground(slope, (0, 0, 1), viewpoint=(0, 0, 3), max_tilt_deg=29)
+        fit_ground_plane(slope, (0, 0, 1), viewpoint=(0, 0, 3), max_tilt_deg=29)
 
 
 def test_each_point_may_have_its_own_viewpoint() -> None:
     points = np.concatenate((slab((0, -1, 0), (3, 1, 0), 3_000), slab((100, -1, 0), (103, 1, 0), 3_000)))
     views = np.repeat([[0.0, 0.0, 1.0], [100.0, 0.0, 1.0]], 3_000, axis=0)
-    assert fit_ground(points, (0, 0, 1), views).inlier_share == 1.0
+    assert fit_ground_plane(points, (0, 0, 1), views).inlier_share == 1.0
 
 
 def test_the_plane_agrees_with_least_squares_of_numpy() -> None:
@@ -162,7 +162,7 @@ def test_the_plane_agrees_with_least_squares_of_numpy() -> None:
     angle = rng.uniform(0, 2 * np.pi, 4_000)
     points = np.stack((2 * np.cos(angle), 2 * np.sin(angle), rng.normal(0, 0.004, 4_000)), axis=-1)
     expected = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][2]
-    plane = fit_ground(points, (0, 0, 1), viewpoint=(0, 0, 5))
+    plane = fit_ground_plane(points, (0, 0, 1), viewpoint=(0, 0, 5))
     np.testing.assert_allclose(plane.normal, expected * np.sign(expected[2]), atol=2e-5)
 
 
@@ -174,7 +174,7 @@ def test_the_plane_agrees_with_least_squares_of_numpy() -> None:
 )  # fmt: skip
 def test_wrong_arguments_are_named(points: NDArray[np.float64], up: object, view: object) -> None:
     with pytest.raises(InvalidValueError, match="ground: expected"):
-        fit_ground(points, up, view)  # type: ignore[arg-type]
+        fit_ground_plane(points, up, view)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -184,7 +184,7 @@ def test_wrong_arguments_are_named(points: NDArray[np.float64], up: object, view
 )  # fmt: skip
 def test_points_that_span_no_plane_are_refused(points: NDArray[np.float64]) -> None:
     with pytest.raises(InputError, match="no ground found"):
-        fit_ground(points, (0, 0, 1), viewpoint=(0, 0, 1))
+        fit_ground_plane(points, (0, 0, 1), viewpoint=(0, 0, 1))
 
 
 unit = st.floats(-1, 1)
@@ -221,8 +221,8 @@ def test_a_level_map_stays_as_it_is() -> None:
 def test_the_ground_turns_with_the_points(yaw: float, pitch: float, roll: float) -> None:
     turn = mount_pose(0.0, pitch, roll, yaw).matrix[:3, :3]
     points = np.concatenate((slab((-2, -2, 0), (2, 2, 0.01), 3_000), slab((2, -2, 0), (2, 2, 2), 3_000)))
-    plane = fit_ground(points, (0, 0, 1), (0, 0, 1))
-    turned = fit_ground(points @ turn.T, turn @ [0, 0, 1], turn @ [0, 0, 1])
+    plane = fit_ground_plane(points, (0, 0, 1), (0, 0, 1))
+    turned = fit_ground_plane(points @ turn.T, turn @ [0, 0, 1], turn @ [0, 0, 1])
     np.testing.assert_allclose(turned.normal, turn @ plane.normal, atol=1e-3)
     assert turned.offset_m == pytest.approx(plane.offset_m, abs=1e-3)
 

@@ -60,7 +60,7 @@ class Plane:
         return heights
 
 
-def fit_ground(
+def fit_ground_plane(
     xyz: ArrayLike,
     up_hint: ArrayLike,
     viewpoint: ArrayLike = (0.0, 0.0, 0.0),
@@ -140,7 +140,7 @@ def estimate_mount(frame: Frame) -> Pose:
     """
     xyz = deproject(frame.depth_m, frame.intrinsics)
     try:
-        plane = fit_ground(_ground_points(frame, xyz), up_hint=(0.0, -1.0, 0.0))
+        plane = fit_ground_plane(_ground_points(frame, xyz), up_hint=(0.0, -1.0, 0.0))
     except InputError as error:
         raise InputError(
             f"frame {frame.name or frame.stamp_ns}: {error}. Point the camera lower, or set mount.height_m "

@@ -76,7 +76,7 @@ class GardenStage:
 
     def drive(self, garden: Garden, frames: int, rig: RigConfig) -> Drive:
         """See `mowing_run`."""
-        from swardmap.synth.scene.run import mowing_run, random_rig
+        from swardmap.synth.scene.camera_path import mowing_run, random_rig
 
         camera = random_rig(garden.seed, rig.width, rig.height)
         return camera.intrinsics, mowing_run(garden, garden.seed, frames, rig.rate_hz, camera)

@@ -17,7 +17,7 @@ from swardmap.synth.render.lawn import share_at
 from swardmap.synth.render.shadow import light_from_map, to_texture
 from swardmap.synth.render.targets import scale_of
 from swardmap.synth.render.textures import HOLE, mipmaps
-from swardmap.synth.scene.look import STRAW
+from swardmap.synth.scene.lawn_look import STRAW
 from tests.synth.render import plots
 
 angle = st.floats(0, 360)

@@ -7,7 +7,7 @@ import pytest
 
 from swardmap.synth.model import Float32Array, Garden, Surface
 from swardmap.synth.scene.ground import signed_distance_m
-from swardmap.synth.scene.look import HUE_DEG, SATURATION, VALUE, lawn_look
+from swardmap.synth.scene.lawn_look import HUE_DEG, SATURATION, VALUE, lawn_look
 from swardmap.synth.scene.lot import plan_lot
 from tests.synth.scene.gardens import SEEDS, garden
 

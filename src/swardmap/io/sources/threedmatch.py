@@ -28,7 +28,7 @@ from swardmap.io.files import read_bytes
 from swardmap.io.images import read_color, read_depth
 from swardmap.io.number_tables import parse_table
 from swardmap.io.sources.source import Source, Tally
-from swardmap.perception.ground_plane import fit_ground, level_pose
+from swardmap.perception.ground_plane import fit_ground_plane, level_pose
 from swardmap.types import Frame, depth_in_metres
 
 INTRINSICS_FILE = "camera-intrinsics.txt"
@@ -89,7 +89,7 @@ class Sequence:
         points = [self._world_points(*usable[i]) for i in spread]
         views = [np.tile(usable[i][1].position_m, (len(p), 1)) for i, p in zip(spread, points, strict=True)]
         try:
-            plane = fit_ground(np.concatenate(points), up, np.concatenate(views))
+            plane = fit_ground_plane(np.concatenate(points), up, np.concatenate(views))
         except InputError as error:
             raise InputError(
                 f"{self.path}: {error}; set source.level=false to take the world as it is"

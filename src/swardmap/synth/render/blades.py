@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swardmap.synth.model import Float32Array, Ground
-from swardmap.synth.scene.look import STRAW
+from swardmap.synth.scene.lawn_look import STRAW
 
 TILE_M = 1.0
 FULL_PER_M2 = 1500

@@ -9,7 +9,7 @@ from swardmap.synth.model import Float64Array, Ground
 from swardmap.synth.render.blades import FULL_PER_M2, TILE_M, tufts
 from swardmap.synth.render.camera import Camera
 from swardmap.synth.render.context import Context, Program, layout_of, set_uniforms
-from swardmap.synth.scene.look import STRAW
+from swardmap.synth.scene.lawn_look import STRAW
 
 FULL_TO_M, END_M, GONE_M = 2.2, 10.0, 16.0
 NEAR_M = 4.0

@@ -4,10 +4,10 @@ import numpy as np
 
 from swardmap.synth.model import Float64Array, Ground, Model, Surface, Thing
 from swardmap.synth.scene.lot import Lot
+from swardmap.synth.scene.materials import leaves
 from swardmap.synth.scene.place import Footprint, Occupancy, footprint_of, upright
 from swardmap.synth.scene.plants import hedge_part
 from swardmap.synth.scene.structures import FENCE_STYLES, fence_part, house, shed, wall_part
-from swardmap.synth.scene.stuff import leaves
 
 MAX_STEP_M = 0.11  # between the ends of a piece; more of it would stick out of the slope or hang over it
 WAYS = (Surface.GRAVEL, Surface.PAVING, Surface.DIRT, Surface.CONCRETE, Surface.WATER)

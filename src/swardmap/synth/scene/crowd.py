@@ -11,7 +11,7 @@ from swardmap.synth.scene.areas import curve
 from swardmap.synth.scene.figures import Stroller, figure, somebody
 from swardmap.synth.scene.place import XY, Footprint, Occupancy, footprint_of, sunk_m, tilted, upright
 from swardmap.synth.scene.sites import Sites, jittered
-from swardmap.synth.scene.smalls import animal
+from swardmap.synth.scene.small_objects import animal
 
 HIDERS = ("shrub", "tree", "hedge", "fence", "raised bed", "bin", "wall", "trellis")
 COUNT_SHARES = (0.04, 0.12, 0.2, 0.24, 0.2, 0.13, 0.07)  # of gardens with 0-6 people who keep their place

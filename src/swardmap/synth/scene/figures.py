@@ -11,9 +11,9 @@ from swardmap.synth.people.figure import person
 from swardmap.synth.people.path import Path, beside_bicycle
 from swardmap.synth.people.poses import POSES
 from swardmap.synth.scene.furniture import BENCH_SEAT_M, CHAIR_SEAT_M, bench, chair
-from swardmap.synth.scene.look import linear_of_hsv
+from swardmap.synth.scene.lawn_look import linear_of_hsv
+from swardmap.synth.scene.materials import wood
 from swardmap.synth.scene.place import upright
-from swardmap.synth.scene.stuff import wood
 from swardmap.synth.shapes import box, cylinder, ellipsoid, model_of, moved, placed, sphere, tube
 
 BODY_SHARE = 0.7  # of people are bodies with clothes, the rest ready-made

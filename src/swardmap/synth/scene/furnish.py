@@ -6,11 +6,11 @@ import numpy as np
 
 from swardmap.synth.assets import Assets
 from swardmap.synth.model import Ground, Model, Thing
+from swardmap.synth.scene.materials import leaves
 from swardmap.synth.scene.place import Footprint, Occupancy, footprint_of, sunk_m, tilted, upright
 from swardmap.synth.scene.plants import ground_cover
 from swardmap.synth.scene.recipes import Recipe
 from swardmap.synth.scene.sites import Sites, jittered
-from swardmap.synth.scene.stuff import leaves
 
 TRIES = 14
 MAX_ASSET_TRIANGLES = 24_000

@@ -5,8 +5,8 @@ from itertools import pairwise
 import numpy as np
 
 from swardmap.synth.model import Material, Mesh, Model
-from swardmap.synth.scene.look import linear_of_hsv
-from swardmap.synth.scene.stuff import (
+from swardmap.synth.scene.lawn_look import linear_of_hsv
+from swardmap.synth.scene.materials import (
     DARK_METAL,
     METAL,
     RUBBER,

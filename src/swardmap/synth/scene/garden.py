@@ -9,7 +9,7 @@ from swardmap.synth.scene.borders import buildings, edgings
 from swardmap.synth.scene.crowd import moving, people
 from swardmap.synth.scene.furnish import covered, furnished
 from swardmap.synth.scene.ground import build_ground
-from swardmap.synth.scene.look import lawn_look
+from swardmap.synth.scene.lawn_look import lawn_look
 from swardmap.synth.scene.lot import plan_lot
 from swardmap.synth.scene.place import Occupancy
 from swardmap.synth.scene.recipes import GRASSY, RECIPES

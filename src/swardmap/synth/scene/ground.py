@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from swardmap.synth.model import Float32Array, Float64Array, Ground, Surface
 from swardmap.synth.scene.areas import Area, Strip, inside_convex_m
-from swardmap.synth.scene.look import LawnLook
+from swardmap.synth.scene.lawn_look import LawnLook
 from swardmap.synth.scene.lot import Lot
 from swardmap.synth.scene.noise import smooth_noise, smoothstep
 from swardmap.synth.scene.paint import lawn_paint, surface_color

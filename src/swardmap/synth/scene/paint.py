@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swardmap.synth.model import Float32Array, Surface
-from swardmap.synth.scene.look import SOIL, STRAW, LawnLook, linear_of_hsv
+from swardmap.synth.scene.lawn_look import SOIL, STRAW, LawnLook, linear_of_hsv
 from swardmap.synth.scene.noise import smooth_noise, smoothstep
 
 CLOVER_HUE, MOSS_HUE = 98.0, 66.0  # of their leaves, sRGB degrees

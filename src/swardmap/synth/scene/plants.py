@@ -3,8 +3,17 @@
 import numpy as np
 
 from swardmap.synth.model import Float64Array, Material, Mesh, Model
-from swardmap.synth.scene.look import linear_of_hsv
-from swardmap.synth.scene.stuff import SOIL, TERRACOTTA, WHITE, bark, inner_green, leaf_texture, leaves, wood
+from swardmap.synth.scene.lawn_look import linear_of_hsv
+from swardmap.synth.scene.materials import (
+    SOIL,
+    TERRACOTTA,
+    WHITE,
+    bark,
+    inner_green,
+    leaf_texture,
+    leaves,
+    wood,
+)
 from swardmap.synth.shapes import beam, box, cards, cylinder, ellipsoid, lathe, model_of, moved, placed, tube
 
 STRAW_LEAF = (0.30, 0.17, 0.07)

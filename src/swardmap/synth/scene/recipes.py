@@ -7,7 +7,7 @@ import numpy as np
 
 from swardmap.labels import GRASS, OTHER, LabelClass
 from swardmap.synth.model import Model
-from swardmap.synth.scene import furniture, plants, smalls
+from swardmap.synth.scene import furniture, plants, small_objects
 
 Maker = Callable[[np.random.Generator], Model]
 
@@ -76,19 +76,19 @@ RECIPES: tuple[Recipe, ...] = (
     Recipe("pole", "lawn", 0.8, furniture.pole, ("pole", "cone"), 0.2, True, rooted=True),
     Recipe("lamp post", "path", 0.5, furniture.lamp_post, ("lamp",), 0.1, True, rooted=True),
     Recipe("sign", "lawn", 0.2, furniture.sign_board, (), 0.1, True, rooted=True),
-    Recipe("garden figure", "lawn", 0.6, smalls.garden_figure, ("lantern",), 0.15),
-    Recipe("rock", "bed", 0.8, smalls.rock, ("rock",), 0.0, False, 2, (0.6, 1.2), rooted=True),
-    Recipe("rock", "lawn", 0.9, smalls.rock, ("rock",), 0.1, False, 2, (0.5, 1.2), rooted=True),
+    Recipe("garden figure", "lawn", 0.6, small_objects.garden_figure, ("lantern",), 0.15),
+    Recipe("rock", "bed", 0.8, small_objects.rock, ("rock",), 0.0, False, 2, (0.6, 1.2), rooted=True),
+    Recipe("rock", "lawn", 0.9, small_objects.rock, ("rock",), 0.1, False, 2, (0.5, 1.2), rooted=True),
     Recipe("stump", "lawn", 0.4, plants.stump, ("logs",), 0.2, rooted=True),
     Recipe("log", "lawn", 0.3, plants.log, (), 0.2, rooted=True),
-    Recipe("test body", "middle", 0.45, smalls.iso_test_body, (), 0.3),
-    Recipe("animal", "lawn", 0.7, smalls.animal, ("dog", "cat", "chicken", "rabbit"), 0.2),
-    Recipe("ball", "lawn", 1.3, smalls.ball, ("ball",), 0.1, False, 2),
-    Recipe("toy", "lawn", 1.2, smalls.toy, ("toy", "skateboard", "bag"), 0.1, False, 2),
-    Recipe("hose", "lawn", 0.5, smalls.hose, ("hose",), 0.1),
-    Recipe("tool", "lawn", 0.8, smalls.tool, ("tool",), 0.1),
-    Recipe("low object", "lawn", 1.8, smalls.low_object, ("low object",), 0.15, False, 2),
-    Recipe("twigs", "lawn", 0.7, smalls.bough, (), 0.05, rooted=True),
+    Recipe("test body", "middle", 0.45, small_objects.iso_test_body, (), 0.3),
+    Recipe("animal", "lawn", 0.7, small_objects.animal, ("dog", "cat", "chicken", "rabbit"), 0.2),
+    Recipe("ball", "lawn", 1.3, small_objects.ball, ("ball",), 0.1, False, 2),
+    Recipe("toy", "lawn", 1.2, small_objects.toy, ("toy", "skateboard", "bag"), 0.1, False, 2),
+    Recipe("hose", "lawn", 0.5, small_objects.hose, ("hose",), 0.1),
+    Recipe("tool", "lawn", 0.8, small_objects.tool, ("tool",), 0.1),
+    Recipe("low object", "lawn", 1.8, small_objects.low_object, ("low object",), 0.15, False, 2),
+    Recipe("twigs", "lawn", 0.7, small_objects.bough, (), 0.05, rooted=True),
 )
 
 GRASSY: tuple[Recipe, ...] = (

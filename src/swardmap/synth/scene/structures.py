@@ -3,7 +3,7 @@
 import numpy as np
 
 from swardmap.synth.model import Material, Mesh, Model
-from swardmap.synth.scene.stuff import (
+from swardmap.synth.scene.materials import (
     DARK_METAL,
     GLASS,
     METAL,

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from swardmap.synth.model import Material, Texture
-from swardmap.synth.scene.look import linear_of_hsv
+from swardmap.synth.scene.lawn_look import linear_of_hsv
 
 RGB = tuple[float, float, float]
 SOIL = Material((0.075, 0.05, 0.035), roughness=1.0)

@@ -7,9 +7,9 @@ from swardmap.errors import InvalidValueError
 from swardmap.geometry import Intrinsics
 from swardmap.labels import GRASS, PERSON
 from swardmap.synth.model import Float64Array, Garden
+from swardmap.synth.scene.camera_path import Rig, mowing_run, random_rig
 from swardmap.synth.scene.clearance import CELL_M, clearance_of
 from swardmap.synth.scene.lanes import THINGS_M, there_and_back, timed
-from swardmap.synth.scene.run import Rig, mowing_run, random_rig
 from tests.synth.scene.gardens import SEEDS, garden, vertices
 
 FRAMES, RATE_HZ = 80, 5.0
