@@ -58,7 +58,7 @@ def test_each_frame_gives_the_map_of_its_images(
     plug_in(monkeypatch, steady(6))
     summary = mapped(tmp_path / "out", capsys, "--frames", "4")
     assert (summary["frames"], summary["frames_without_pose"], summary["interrupted"]) == (4, 4, False)
-    assert summary["source"] == {"name": "Software D435I 123", "frame_count": 4}
+    assert (summary["source"]["name"], summary["source"]["frame_count"]) == ("Software D435I 123", 4)
     config = config_from_dict({"mount": {"height_m": 0.9, "pitch_deg": 22}, "segmenter": {"name": "colour"}})
     mapper = ObstacleMapper(open_segmenter(config.segmenter, None), config)
     apart = np.array([[1, 0, 0, 0.015], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])

@@ -309,7 +309,7 @@ def test_an_error_of_the_source_is_its_own(tmp_path: Path) -> None:
             yield self._items[0]
             raise OSError(errno.EIO, "Input/output error")
 
-    with pytest.raises(OSError, match="Input/output error"):  # not told as if it were the recording's
+    with pytest.raises(InputError, match="cannot read list: Input/output error"):  # not as the recording's
         record(Broken(frames()), tmp_path / "drive.mcap")
     assert list(tmp_path.iterdir()) == []
 

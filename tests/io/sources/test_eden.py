@@ -337,7 +337,7 @@ def as_hdf5(file: Path) -> None:
         ("cam_matrix", replaced(K_L=K.matrix, RT_L=2 * np.eye(4)[:3]), "rotation"),
         ("cam_matrix", replaced(K_L=K.matrix, RT_L=np.full((3, 4), np.nan)), "finite"),
         ("RGB", truncated, "truncated"),
-        ("RGB", emptied, "truncated"),
+        ("RGB", emptied, "expected a PNG, JPEG"),
         ("Segmentation", truncated, "truncated"),
     ],
 )
