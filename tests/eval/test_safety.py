@@ -1,6 +1,7 @@
 """Things, corridors, margin and lawn on maps drawn by hand, and sums that do not depend on their order."""
 
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from functools import reduce
 from operator import add
 from random import Random
@@ -178,3 +179,13 @@ def test_things_of_an_analytic_garden_are_its_solids() -> None:
     covered = np.unique(np.concatenate([t.cells for t in by_ids.things]))
     for one in without.things:
         assert np.isin(one.cells, covered).mean() > 0.5
+
+
+def test_a_frame_without_anything_near_shows_no_thing() -> None:
+    source = AnalyticGardens("analytic:scenes=1,frames=1,width=128,noise=0", SourceConfig())
+    frame, truth, config = source.clean_frame(0), source.truth(0), Config()
+    assert frame.T_map_camera is not None
+    far = replace(frame, depth=np.zeros_like(frame.depth))
+    pixels = true_pixels(far, frame.T_map_camera, config, truth)
+    seen = find_things(far, pixels, pixels.cells(SPEC), SPEC, config, truth)
+    assert not seen.things

@@ -158,6 +158,8 @@ def _thing(
 
 def _grouped(keys: NDArray[np.int64]) -> Iterator[tuple[int, NDArray[np.int64]]]:
     """Every key with the places where it is, by rising keys."""
+    if len(keys) == 0:  # nothing near, such as a frame without a reading: np.split would give one empty part
+        return
     order = np.argsort(keys, kind="stable")
     values, starts = np.unique(keys[order], return_index=True)
     yield from zip(values.tolist(), np.split(order, starts[1:]), strict=True)
