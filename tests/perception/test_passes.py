@@ -14,6 +14,8 @@ from swardmap.geometry import Intrinsics, Pose, mount_pose
 from swardmap.grid import GridSpec
 from swardmap.labels import GRASS_OBSTACLE_PERSON, MapClass
 from swardmap.perception import compiled
+from swardmap.perception.cloud import consistent_depth
+from swardmap.perception.compiled import consistent_pixels
 from swardmap.perception.ground_surface import GroundPlane, fit_ground
 from swardmap.perception.observation import Observation
 from swardmap.pipeline import observe
@@ -320,3 +322,15 @@ def test_depth_that_a_source_has_filtered_is_not_filtered_again(
     assert raw.counts.used == 0
     assert filtered.counts.inconsistent == 0
     assert filtered.counts.used > 500
+
+
+@settings(max_examples=60, deadline=None)
+@given(seeds)
+def test_the_compiled_filter_keeps_what_the_plain_one_keeps(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    frame, _ = random_frame(rng)
+    config = CloudConfig(consistent_neighbours=int(rng.integers(0, 9)))
+    plain = consistent_depth(
+        frame.depth_m, config.consistent_neighbours, config.consistency_relative, config.consistency_m
+    )
+    np.testing.assert_array_equal(consistent_pixels(frame.depth_m, config), np.isfinite(plain))

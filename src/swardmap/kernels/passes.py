@@ -51,6 +51,39 @@ def agreeing_row(above, here, below, relative, absolute_m, needed, keep):  # typ
         keep[u] = np.int32(n >= needed)
 
 
+@compiled()
+def consistent(metres, relative, absolute_m, needed, keep):  # type: ignore[no-untyped-def]
+    """Which readings enough of their neighbours agree with (cloud.consistent_depth).
+
+    Args:
+        metres: (H, W) float32, NaN = no reading.
+        relative: float32 share of the depth.
+        absolute_m: float32 metres on top.
+        needed: neighbours that must agree, at least 1.
+        keep: (H, W) bool, written here.
+    """
+    H, W = metres.shape
+    rows = np.full((3, W + 2), FAR_AWAY, np.float32)
+    agree = np.empty(W, np.int32)
+    _plain_row(metres[0], rows[0])
+    for v in range(H):
+        above, here, below = rows[(v + 2) % 3], rows[v % 3], rows[(v + 1) % 3]
+        if v + 1 < H:
+            _plain_row(metres[v + 1], below)
+        else:
+            below[:] = FAR_AWAY
+        agreeing_row(above, here, below, relative, absolute_m, needed, agree)
+        for u in range(W):
+            keep[v, u] = (agree[u] > 0) & (here[u + 1] > np.float32(0))
+
+
+@compiled(inline="never")
+def _plain_row(metres, row):  # type: ignore[no-untyped-def]
+    """One row between two border pixels, FAR_AWAY where there is no reading."""
+    for u in range(metres.shape[0]):
+        row[u + 1] = metres[u] if metres[u] > np.float32(0) else FAR_AWAY
+
+
 @compiled(inline="never")
 def _how_many(row, above):  # type: ignore[no-untyped-def]
     """Numbers of a row that are larger: rows of sky, or farther than the range, need no further work."""

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from swardmap.config import Config, GeometryConfig
+from swardmap.config import CloudConfig, Config, GeometryConfig
 from swardmap.errors import ConfigError
 from swardmap.geometry import Pose
 from swardmap.grid import GridSpec
@@ -30,6 +30,28 @@ from swardmap.perception.passes import (
     mask_codes,
 )
 from swardmap.types import Frame, Segmentation, nearest_indices
+
+
+def consistent_pixels(depth_m: NDArray[np.float32], config: CloudConfig) -> NDArray[np.bool_]:
+    """Readings that the 3x3 consistency filter leaves (twin: `cloud.consistent_depth`).
+
+    Args:
+        depth_m: (H, W) float32 metres, NaN = no reading.
+        config: neighbours needed, and what agrees.
+
+    Returns:
+        (H, W) bool.
+    """
+    from swardmap.kernels import passes as kernel
+
+    if config.consistent_neighbours == 0:
+        return np.isfinite(depth_m)
+    keep = np.empty(depth_m.shape, np.bool_)
+    kernel.consistent(
+        np.ascontiguousarray(depth_m), np.float32(config.consistency_relative),
+        np.float32(config.consistency_m), config.consistent_neighbours, keep,
+    )  # fmt: skip
+    return keep
 
 
 def place(frame: Frame, T_grid_camera: Pose, spec: GridSpec, config: Config) -> Placed:

@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from swardmap.config import SourceConfig
+from swardmap.config import CloudConfig, SourceConfig
 from swardmap.geometry import Pose
+from swardmap.io.bags.depth_filter import without_flying_pixels
 from swardmap.io.bags.ros_camera import Calibration, calibration_from_camera_info
 from swardmap.io.bags.ros_messages import stamp_ns
 from swardmap.io.bags.topics import ImageTopic
@@ -149,10 +150,12 @@ class CameraInput:
         config: pairing tolerance, unit of depth.
     """
 
-    def __init__(self, name: str, topics: CameraTopics, config: SourceConfig) -> None:
+    def __init__(
+        self, name: str, topics: CameraTopics, config: SourceConfig, cloud: CloudConfig | None = None
+    ) -> None:
         self.name, self.topics = name, topics
         self.without_info = 0
-        self._config = config
+        self._config, self._cloud = config, cloud or CloudConfig()
         self._color = ImageTopic(topics.color, is_compressed(topics.color), "", topics.color_info)
         self._depth = ImageTopic(topics.depth, is_compressed(topics.depth), "", topics.depth_info)
         self._calibrations: dict[str, tuple[bytes, Calibration]] = {}
@@ -215,11 +218,15 @@ class CameraInput:
         depth = pair.depth_camera.rectify_depth(self._depth.depth(pair.depth))
         unit_m = self._config.depth_unit_m or 0.001
         color, deep = pair.color_camera.intrinsics, pair.depth_camera.intrinsics
-        if T_color_depth is not None or not _same_pixels(pair):
+        name, moved = f"{self.name}:{pair.stamp_ns}", T_color_depth is not None or not _same_pixels(pair)
+        if moved:  # after it is rendered into another image, flying pixels agree with their own copies
+            depth = without_flying_pixels(depth, unit_m, self._cloud)
             T = T_color_depth or Pose.identity("color", "depth")
             depth = align_depth_to_color(depth, unit_m, deep, color, T)
-        name = f"{self.name}:{pair.stamp_ns}"
-        return Frame(pair.stamp_ns, color, rgb, depth, unit_m, T_map_camera, name=name)
+        filtered = moved and self._cloud.consistent_neighbours > 0
+        return Frame(
+            pair.stamp_ns, color, rgb, depth, unit_m, T_map_camera, name=name, depth_filtered=filtered
+        )
 
     def _cameras(self, same_view: bool) -> tuple[Calibration, Calibration] | None:
         color, depth = self._calibrations.get(COLOR), self._calibrations.get(DEPTH)

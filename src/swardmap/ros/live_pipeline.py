@@ -102,7 +102,7 @@ class LivePipeline:
         if not self.poses.posed:  # nobody can lose what was never there
             config = replace(config, watchdog=replace(config.watchdog, pose_s=None))
         self.inputs: Mapping[str, CameraInput] = {
-            name: CameraInput(name, camera_topics(config.source, camera), config.source)
+            name: CameraInput(name, camera_topics(config.source, camera), config.source, config.cloud)
             for name, camera in cameras.items()
         }
         self.active = None if rig is None else ActiveCameras(rig)

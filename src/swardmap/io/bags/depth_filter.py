@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from swardmap.config import CloudConfig
 from swardmap.io.bags.ros_messages import DepthImage
-from swardmap.perception.cloud import consistent_depth
+from swardmap.perception.compiled import consistent_pixels
 from swardmap.types import depth_in_metres
 
 DENSE, LONE = 5.0, 3.0
@@ -39,11 +39,7 @@ def without_flying_pixels(
     """
     metres = depth_in_metres(depth, depth_unit_m)
     coarse = metres if stride == 1 else _nearest_of_blocks(metres, stride)
-    kept = ~np.isnan(
-        consistent_depth(
-            coarse, config.consistent_neighbours, config.consistency_relative, config.consistency_m
-        )
-    )
+    kept = consistent_pixels(coarse, config)
     if stride > 1:
         kept, of_block = (_spread(a, stride, metres.shape) for a in (kept, coarse))
         tolerance = metres * np.float32(config.consistency_relative) + np.float32(config.consistency_m)
