@@ -39,9 +39,9 @@ def killed(verb: str, folder: Path, every: int) -> list[str]:
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("verb", VERBS)
-def test_killed_at_every_call_a_verb_leaves_old_or_new_or_a_plan(verb: str, tmp_path: Path) -> None:
-    lines = killed(verb, tmp_path, 1)
-    assert len(lines) > 5
+def test_killed_at_every_fifth_call_a_verb_leaves_old_or_new_or_a_plan(verb: str, tmp_path: Path) -> None:
+    lines = killed(verb, tmp_path, 5)  # `python -m tests.runs.kills VERB FOLDER 1` takes every call
+    assert len(lines) > 2
 
 
 @pytest.mark.parametrize("verb", ["map_over", "evaluate_over", "record_over"])
