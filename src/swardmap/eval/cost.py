@@ -80,7 +80,8 @@ def squared_distance(cells: NDArray[np.bool_]) -> NDArray[np.int64]:
     from scipy.ndimage import distance_transform_edt
 
     nearest = distance_transform_edt(~cells, return_distances=False, return_indices=True)
-    dy, dx = (nearest[axis].astype(np.int64) - np.indices(cells.shape)[axis] for axis in (0, 1))
+    dy = nearest[0].astype(np.int64) - np.arange(cells.shape[0])[:, None]
+    dx = nearest[1].astype(np.int64) - np.arange(cells.shape[1])
     squared: NDArray[np.int64] = dx * dx + dy * dy
     return squared
 

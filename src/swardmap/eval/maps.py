@@ -91,11 +91,14 @@ class FrameMaps:
     def pixels(
         self, frame: Frame, T_map_camera: Pose, config: Config, T_placed: Pose | None = None
     ) -> TruePixels:
-        """The same as `true_pixels`."""
+        """The same as `true_pixels`; with the heights of the true pose, placed by another."""
         placed = T_placed or T_map_camera
         key = (id(frame.depth), id(T_map_camera), id(placed), config.cloud)
         if key not in self._pixels:
-            found = true_pixels(frame, T_map_camera, config, self.truth, placed)
+            if placed is T_map_camera:
+                found = true_pixels(frame, T_map_camera, config, self.truth)
+            else:
+                found = replace(self.pixels(frame, T_map_camera, config), T_map_camera=placed)
             self._pixels[key] = found, frame, T_map_camera, placed
         return self._pixels[key][0]
 

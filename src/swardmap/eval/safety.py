@@ -188,14 +188,19 @@ def _corridor_counts(seen: _Seen, things: TrueThings) -> Counter[str]:
     thing = thing.reshape(seen.spec.shape)
     forward = seen.T_map_camera.matrix[:2, 2]
     heading = float(np.arctan2(forward[1], forward[0]))
+    length_m, half_m = CORRIDOR_M[0], CORRIDOR_M[1] / 2
+    ahead = seen.x_m * np.cos(heading) + seen.y_m * np.sin(heading) > -2 * half_m
+    rows, columns = np.nonzero(ahead & (seen.x_m**2 + seen.y_m**2 < (length_m + half_m) ** 2))
+    x_m, y_m = seen.x_m[columns], seen.y_m[rows, 0]  # of the cells that a corridor may hold
     counts = Counter[str]()
     for degrees in HEADINGS_DEG:
         c, s = np.cos(heading + np.deg2rad(degrees)), np.sin(heading + np.deg2rad(degrees))
-        along, across = seen.x_m * c + seen.y_m * s, seen.y_m * c - seen.x_m * s
-        iy, ix = np.nonzero((along >= 0) & (along <= CORRIDOR_M[0]) & (np.abs(across) <= CORRIDOR_M[1] / 2))
+        along, across = x_m * c + y_m * s, y_m * c - x_m * s
+        inside = np.flatnonzero((along >= 0) & (along <= length_m) & (np.abs(across) <= half_m))
+        iy, ix = rows[inside], columns[inside]
         if not len(iy):
             continue
-        far, marked, there = along[iy, ix], seen.marked[iy, ix], thing[iy, ix]
+        far, marked, there = along[inside], seen.marked[iy, ix], thing[iy, ix]
         first_mark = far[marked].min(initial=np.inf)
         if there.any():
             late = first_mark > far[there].min() + LATE_M
@@ -229,14 +234,17 @@ def unjudged(
     hazard = pixels.classes(labels, label_set) >= MapClass.OBSTACLE
     far = label_set.map_class_table[labels.ravel()[pixels.out_of_range]] >= MapClass.OBSTACLE
     out = hazard & ~pixels.judged
-    lost = np.setdiff1d(cells[out & (cells >= 0)], cells[hazard & pixels.judged])
+    lost = np.zeros(cells.max(initial=0) + 1, np.bool_)
+    lost[cells[out & (cells >= 0)]] = True
+    judged = hazard & pixels.judged
+    lost[cells[judged & (cells >= 0)]] = False
     above = pixels.height_m[out] > 0
     return {
         "unjudged_out_of_range": int(far.sum()),
         "unjudged_above": int(above.sum()),
         "unjudged_below": int((~above).sum()),
-        "unjudged_cells": len(lost),
-        "judged_pixels": int((hazard & pixels.judged).sum()),
+        "unjudged_cells": int(lost.sum()),
+        "judged_pixels": int(judged.sum()),
         f"frames_ground_{pixels.ground}": 1,
     }
 

@@ -106,21 +106,26 @@ def _by_ids(
     spec: GridSpec,
 ) -> TrueThings:
     assert truth.instances is not None  # noqa: S101 - narrows the type
-    ids = truth.instances.ravel()[pixels.index].astype(np.int64)
+    at = np.flatnonzero(hazard)
+    ids, on = truth.instances.ravel()[pixels.index[at]].astype(np.int64), cells[at]
     high = np.zeros(2**16, np.bool_)
     high[[k for k, t in truth.things.items() if k < FIRST_AREA and t.height_m >= LOWEST_M]] = True
     wet = np.zeros(2**16, np.bool_)
     wet[[k for k, t in truth.things.items() if t.kind == "water"]] = True
-    standing = _covered(cells[hazard & high[ids]], spec)
-    water = _covered(cells[hazard & wet[ids]], spec) & ~standing
-    near = hazard & high[ids] & (pixels.away_m <= NEAR_M)
+    is_high = high[ids]
+    standing = _covered(on[is_high], spec)
+    water = _covered(on[wet[ids]], spec) & ~standing
+    ids, at = ids[is_high], at[is_high]
+    away_m = pixels.away_m(at)
+    near = away_m <= NEAR_M
+    ids, at, away_m = ids[near], at[near], away_m[near]
     found = []
-    for key, places in _grouped(ids[near]):
+    for key, places in _grouped(ids):
         if len(places) < FEWEST_PIXELS:
             continue
-        at, known = np.flatnonzero(near)[places], truth.things[key]
-        person = bool((classes[at] == MapClass.PERSON).any())
-        found.append(_thing(known.kind, known.height_m, person, pixels.away_m[at], cells[at]))
+        own, known = at[places], truth.things[key]
+        person = bool((classes[own] == MapClass.PERSON).any())
+        found.append(_thing(known.kind, known.height_m, person, away_m[places], cells[own]))
     return TrueThings(tuple(found), standing, water, True)
 
 
@@ -134,18 +139,20 @@ def _components(
     """Connected cells with enough points of obstacles near the camera; what is flat is no thing."""
     from scipy.ndimage import label
 
-    near = used & (pixels.away_m <= NEAR_M)
-    points = np.bincount(cells[near], minlength=spec.width * spec.height).reshape(spec.shape)
+    at = np.flatnonzero(used)
+    away_m = pixels.away_m(at)
+    at, away_m = at[away_m <= NEAR_M], away_m[away_m <= NEAR_M]
+    points = np.bincount(cells[at], minlength=spec.width * spec.height).reshape(spec.shape)
     parts, _ = label(points >= FEWEST_POINTS, np.ones((3, 3), np.bool_))
-    of_pixel = np.where(near, parts.ravel()[np.maximum(cells, 0)], 0)
-    for part, places in _grouped(of_pixel):
-        own = np.unique(cells[places]) if part else cells[:0]
-        if len(places) < FEWEST_PIXELS or len(own) < FEWEST_CELLS:
+    for part, places in _grouped(parts.ravel()[cells[at]]):
+        pixel = at[places]
+        own = np.unique(cells[pixel]) if part else cells[:0]
+        if len(pixel) < FEWEST_PIXELS or len(own) < FEWEST_CELLS:
             continue
-        height_m = float(np.quantile(pixels.height_m[places], 0.98))  # a flying pixel is no height
-        person = bool((classes[places] == MapClass.PERSON).any())
+        height_m = float(np.quantile(pixels.height_m[pixel], 0.98))  # a flying pixel is no height
+        person = bool((classes[pixel] == MapClass.PERSON).any())
         if person or height_m >= LOWEST_M:
-            yield _thing(UNKNOWN_KIND, height_m, person, pixels.away_m[places], own)
+            yield _thing(UNKNOWN_KIND, height_m, person, away_m[places], own)
 
 
 def _thing(

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swardmap.config import Config
-from swardmap.geometry import Pose, deproject, transform_points
-from swardmap.grid import GridSpec, OccupancyGrid, classify_cells
+from swardmap.errors import InvalidValueError
+from swardmap.geometry import Pose
+from swardmap.grid import GridSpec, OccupancyGrid
 from swardmap.io.sources.truth import FrameTruth, GroundRaster
 from swardmap.labels import LabelSet, MapClass
 from swardmap.types import Frame, Segmentation
@@ -33,7 +34,6 @@ class TruePixels:
         xyz_m: (N, 3) float32 in the frame of the camera.
         T_map_camera: pose that they are placed by.
         height_m: (N,) float64 above the true ground; above the map's z = 0 where no ground is known.
-        away_m: (N,) float64 horizontal distance from the camera.
         judged: (N,) bool, within the height limits.
         ground: where the ground is from: `recorded`, `fitted`, or `map` (nobody knows it).
         out_of_range: (M,) int64 flat places of pixels with a reading nearer or farther than the range.
@@ -44,7 +44,6 @@ class TruePixels:
     xyz_m: NDArray[np.float32]
     T_map_camera: Pose
     height_m: NDArray[np.float64]
-    away_m: NDArray[np.float64]
     judged: NDArray[np.bool_]
     ground: str
     out_of_range: NDArray[np.int64]
@@ -54,17 +53,30 @@ class TruePixels:
 
         In float32 and in the order of the pipeline, so that both put a pixel into the same cell.
         """
+        from swardmap.kernels import truth as kernel
+
         renamed = Pose(self.T_map_camera.parent, "camera", self.T_map_camera.matrix)
-        moved = transform_points(self.xyz_m, spec.T_grid_map @ renamed)
-        x, y = (moved[:, axis] * np.float32(1 / spec.resolution_m) for axis in (0, 1))
-        inside = (x >= 0) & (y >= 0) & (x < np.float32(spec.width)) & (y < np.float32(spec.height))
-        flat: NDArray[np.int64] = y.astype(np.int64) * spec.width + x.astype(np.int64)
-        flat[~inside] = -1
-        return flat
+        T_grid_camera = (spec.T_grid_map @ renamed).matrix[:3].astype(np.float32)
+        cells = np.empty(len(self.index), np.int64)
+        kernel.cells_of(
+            self.xyz_m, T_grid_camera, np.float32(1 / spec.resolution_m), spec.width, spec.height, cells
+        )
+        return cells
 
     def classes(self, labels: NDArray[np.uint8], label_set: LabelSet) -> NDArray[np.uint8]:
         """(N,) MapClass of each pixel by a mask of the image's size; void is unknown."""
-        return label_set.map_class_table[labels.ravel()[self.index]]
+        from swardmap.kernels import truth as kernel
+
+        classes = np.empty(len(self.index), np.uint8)
+        kernel.take(labels.ravel(), self.index, label_set.map_class_table, classes)
+        return classes
+
+    def away_m(self, chosen: NDArray[np.int64]) -> NDArray[np.float64]:
+        """(n,) horizontal distance from the camera of some of the N pixels."""
+        moved = _in_map(self.xyz_m[chosen], self.T_map_camera)
+        x, y, _ = self.T_map_camera.position_m
+        away_m: NDArray[np.float64] = np.hypot(moved[:, 0] - x, moved[:, 1] - y)
+        return away_m
 
 
 def true_pixels(
@@ -72,40 +84,38 @@ def true_pixels(
     T_map_camera: Pose,
     config: Config,
     truth: FrameTruth | None = None,
-    T_placed: Pose | None = None,
 ) -> TruePixels:
     """Places and heights of the pixels of a frame.
 
     Args:
         frame: with the best depth there is; its true labels say where lawn is.
-        T_map_camera: true pose: heights are by it.
+        T_map_camera: true pose.
         config: limits of range and height.
         truth: with the recorded ground, if there is one.
-        T_placed: pose that pixels are placed by; None = the true one.
     """
-    depth_m = frame.depth_m
-    with np.errstate(invalid="ignore"):
-        in_range = (depth_m >= config.cloud.min_range_m) & (depth_m <= config.cloud.max_range_m)
-        left_out = (depth_m > 0) & ~in_range
-    index = np.flatnonzero(in_range)
-    points = deproject(depth_m, frame.intrinsics).reshape(-1, 3)[index]
-    x, y, z = _turned(points, T_map_camera)
-    ground, source = _ground(frame, (x, y, z), index, truth)
-    height_m = z - (0.0 if ground is None else ground.at(x, y))
-    if T_placed is not None and T_placed is not T_map_camera:
-        x, y, _ = _turned(points, T_placed)
-    camera = (T_placed or T_map_camera).position_m
-    low, high = config.cloud.min_height_m, config.cloud.max_height_m
+    from swardmap.kernels import truth as kernel
+
+    depth_m, cloud = frame.depth_m, config.cloud
+    limits = np.float32(cloud.min_range_m), np.float32(cloud.max_range_m)
+    within, beyond = kernel.readings(depth_m, *limits)
+    index, left_out = np.empty(within, np.int64), np.empty(beyond, np.int64)
+    xyz_m = np.empty((within, 3), np.float32)
+    kernel.points(depth_m, *limits, *frame.intrinsics.ray_tables(), index, xyz_m, left_out)
+    in_map = _in_map(xyz_m, T_map_camera)
+    ground, source = _ground(frame, in_map, index, truth)
+    height_m = in_map[:, 2].copy()
+    if ground is not None:
+        origin_m = np.array(ground.origin_m, np.float64)
+        kernel.heights_above(in_map, ground.height_m, origin_m, ground.texel_m, height_m)
     return TruePixels(
         shape=(depth_m.shape[0], depth_m.shape[1]),
         index=index,
-        xyz_m=points,
-        T_map_camera=T_placed or T_map_camera,
+        xyz_m=xyz_m,
+        T_map_camera=T_map_camera,
         height_m=height_m,
-        away_m=np.hypot(x - camera[0], y - camera[1]),
-        judged=(height_m >= low) & (height_m <= high),
+        judged=(height_m >= cloud.min_height_m) & (height_m <= cloud.max_height_m),
         ground=source,
-        out_of_range=np.flatnonzero(left_out),
+        out_of_range=left_out,
     )
 
 
@@ -125,21 +135,24 @@ def dense_map(
         cells: `pixels.cells(spec)`, if it is there already.
         stamp_ns: time of the frame.
     """
+    from swardmap.kernels import truth as kernel
+
     mask = segmentation.resized_to(*pixels.shape)
-    classes = pixels.classes(mask.labels, mask.label_set)
     cells = pixels.cells(spec) if cells is None else cells
-    used = pixels.judged & (cells >= 0) & (classes != MapClass.UNKNOWN)
-    n = spec.width * spec.height
-    counts = np.bincount(4 * cells[used] + classes[used], minlength=4 * n).reshape(*spec.shape, 4)
-    return OccupancyGrid(spec, classify_cells(counts.astype(np.uint32), 1), stamp_ns)
+    classes = np.zeros(spec.width * spec.height, np.uint8)
+    table = mask.label_set.map_class_table
+    kernel.highest_class(mask.labels.ravel(), pixels.index, table, pixels.judged, cells, classes)
+    return OccupancyGrid(spec, classes.reshape(spec.shape), stamp_ns)
 
 
-def _turned(points: NDArray[np.float32], T_map_camera: Pose) -> tuple[NDArray[np.float64], ...]:
-    """x, y and z in the map, each (N,) float64: turned in float32 about the camera, then moved."""
-    turn = np.eye(4)
-    turn[:3, :3] = T_map_camera.matrix[:3, :3]
-    turned = transform_points(points, Pose(T_map_camera.parent, T_map_camera.child, turn))
-    return tuple(turned[:, i].astype(np.float64) + T_map_camera.position_m[i] for i in range(3))
+def _in_map(xyz_m: NDArray[np.float32], T_map_camera: Pose) -> NDArray[np.float64]:
+    """(N, 3) float64 places in the map: turned in float32 about the camera, then moved."""
+    from swardmap.kernels import truth as kernel
+
+    moved = np.empty(xyz_m.shape, np.float64)
+    turn = T_map_camera.matrix[:3, :3].astype(np.float32)
+    kernel.turn_and_move(xyz_m, turn, T_map_camera.position_m.copy(), moved)
+    return moved
 
 
 def fitted_ground(xyz: NDArray[np.float64]) -> GroundRaster | None:
@@ -149,21 +162,29 @@ def fitted_ground(xyz: NDArray[np.float64]) -> GroundRaster | None:
 
     Args:
         xyz: (N, 3) of true lawn in the map's frame.
+
+    Raises:
+        InvalidValueError: for points that are not finite.
     """
     if len(xyz) < FEWEST_LAWN_PIXELS:
         return None
     from scipy.ndimage import distance_transform_edt
 
-    middle = xyz.mean(axis=0)
-    design = np.column_stack((xyz[:, :2] - middle[:2], np.ones(len(xyz))))
+    from swardmap.kernels import truth as kernel
+
+    middle, least, most = np.empty((3, 3))
+    kernel.column_sums(xyz, middle, least, most)
+    middle /= len(xyz)
+    if not np.isfinite(middle).all():
+        raise InvalidValueError("ground: expected finite points of lawn, got NaN or infinity; remove them")
+    design = np.ones((len(xyz), 3))
+    np.subtract(xyz[:, :2], middle[:2], out=design[:, :2])
     plane, *_ = np.linalg.lstsq(design, xyz[:, 2], rcond=None)
-    low = np.floor(xyz[:, :2].min(axis=0) / TEXEL_M).astype(np.int64) - 8
-    high = np.floor(xyz[:, :2].max(axis=0) / TEXEL_M).astype(np.int64) + 9
+    low = np.floor(least[:2] / TEXEL_M).astype(np.int64) - 8
+    high = np.floor(most[:2] / TEXEL_M).astype(np.int64) + 9
     nx, ny = (high - low).tolist()
-    at = np.floor(xyz[:, :2] / TEXEL_M).astype(np.int64) - low
-    flat = at[:, 1] * nx + at[:, 0]
-    n = np.bincount(flat, minlength=nx * ny)
-    total = np.bincount(flat, xyz[:, 2] - design @ plane, minlength=nx * ny)
+    n, total = np.empty(nx * ny, np.int64), np.empty(nx * ny)
+    kernel.texel_sums(xyz, xyz[:, 2] - design @ plane, low, TEXEL_M, nx, n, total)
     rest = (total / np.maximum(n, 1)).reshape(ny, nx)
     nearest = distance_transform_edt((n < 3).reshape(ny, nx), return_distances=False, return_indices=True)
     x = (low[0] + np.arange(nx) + 0.5) * TEXEL_M - middle[0]
@@ -175,12 +196,18 @@ def fitted_ground(xyz: NDArray[np.float64]) -> GroundRaster | None:
 
 
 def _ground(
-    frame: Frame, xyz: tuple[NDArray[np.float64], ...], index: NDArray[np.int64], truth: FrameTruth | None
+    frame: Frame, in_map: NDArray[np.float64], index: NDArray[np.int64], truth: FrameTruth | None
 ) -> tuple[GroundRaster | None, str]:
     if truth is not None and truth.ground is not None:
         return truth.ground, "recorded"
     if frame.labels is None or frame.label_set is None:
         return None, "map"
-    lawn = frame.label_set.map_class_table[frame.labels.ravel()[index]] == MapClass.GRASS
-    fitted = fitted_ground(np.column_stack([values[lawn] for values in xyz]))
+    from swardmap.kernels import truth as kernel
+
+    labels, table = frame.labels.ravel(), frame.label_set.map_class_table
+    classes = np.empty(len(index), np.uint8)
+    kernel.take(labels, index, table, classes)
+    lawn = np.empty((int(np.count_nonzero(classes == MapClass.GRASS)), 3))
+    kernel.choose(in_map, classes, np.uint8(MapClass.GRASS), lawn)
+    fitted = fitted_ground(lawn)
     return fitted, "map" if fitted is None else "fitted"
