@@ -18,7 +18,12 @@ from types import ModuleType
 
 
 class SwardmapError(Exception):
-    """Base of all errors that swardmap raises on purpose."""
+    """Base of all errors that swardmap raises on purpose; what it says is one line, whatever came in."""
+
+    def __str__(self) -> str:
+        """The message; line breaks and letters that cannot be printed may come from damaged input."""
+        text = super().__str__()
+        return text if text.isprintable() else one_line(text, max(MAX_MESSAGE, len(text)))
 
 
 class InvalidValueError(SwardmapError, ValueError):

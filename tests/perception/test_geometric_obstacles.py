@@ -382,3 +382,19 @@ def test_the_living_map_takes_a_geometric_mark_for_an_obstacle() -> None:
     assert (marked & close).sum() > 20
     assert living[marked & close].all()  # far marks need a second look, as every sighting does
     assert not living[~marked].any()
+
+
+@pytest.mark.parametrize("mode", ["last_seen", "log_odds"])
+@pytest.mark.parametrize("away_m", [2.5, 4.0, 6.0])
+def test_what_is_called_grass_up_on_a_thing_frees_no_cell_of_it(away_m: float, mode: str) -> None:
+    """Three points of grass half a metre up once cleared a cell: fewer than the five that mark one."""
+    box = Scene((Box((away_m, 0.0), (0.4, 0.4, 0.5)),))
+    mapper = ObstacleMapper(AllGrass(), config_from_dict({"grid": {"mode": mode}}))
+    frame = seen(box)
+    for i in range(6):
+        mapper.step(replace(frame, stamp_ns=i))
+    assert mapper.map is not None
+    low, high = mapper.map.spec.cell_of([[away_m - 0.2, -0.2], [away_m + 0.2, 0.2]])
+    on_it = mapper.map.classes[low[1] + 1 : high[1], low[0] + 1 : high[0]]
+    assert (on_it >= MapClass.OBSTACLE).sum() > 5
+    assert not (on_it == MapClass.GRASS).any()

@@ -48,7 +48,7 @@ def map_command(
     clouds: Annotated[str | None, typer.Option(help="Cloud of each frame: none, pcd, ply.")] = None,
     resume_map: Annotated[
         Path | None,
-        typer.Option(help="living.npz of an earlier run to go on from; makes grid.mode evidence."),
+        typer.Option(help="living.npz of an earlier run to go on from; makes grid.mode log_odds."),
     ] = None,
     workers: Annotated[
         int | None, typer.Option(help="Processes for several recordings; none = one a core.", min=1)

@@ -16,7 +16,7 @@ from swardmap.pipeline import StepResult
 EXAMPLES = """\b
 Examples:
   swardmap view recording/
-  swardmap view realsense: --set grid.mode=evidence
+  swardmap view realsense: --set grid.mode=log_odds
   swardmap view drive.mcap --save drive.rrd --jpeg 85
   swardmap view drive.mcap --connect rerun+http://192.168.0.7:9876/proxy
 """

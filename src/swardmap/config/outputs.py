@@ -17,9 +17,14 @@ class CostmapConfig(Checked):
     """Costs for Nav2: what is seen, grown by the margin, then inflated."""
 
     margin_m: float | None = setting(
-        None, "obstacles are grown by it; none = 0.10 m until one is measured (swardmap evaluate)", minimum=0
+        None,
+        "obstacles are grown by it; none = 0.10 m until one is measured (swardmap evaluate)",
+        minimum=0,
+        maximum=10,
     )
-    person_margin_m: float | None = setting(None, "the same for persons; none = margin_m", minimum=0)
+    person_margin_m: float | None = setting(
+        None, "the same for persons; none = margin_m", minimum=0, maximum=10
+    )
     inscribed_radius_m: float = setting(0.3, "radius of the circle inside the robot's footprint", minimum=0)
     inflation_radius_m: float = setting(0.55, "costs reach this far beyond a grown obstacle", minimum=0)
     cost_scaling_factor: float = setting(10.0, "decay of the cost, 1/m", minimum=0)

@@ -36,10 +36,13 @@ def mark(above, below, raised, enough, marks, holes, doubted):  # type: ignore[n
 
 
 @compiled(inline="never")
-def clear(seen, doubt, clear_below, out):  # type: ignore[no-untyped-def]
+def clear(seen, doubt, above, below, clear_below, level, out):  # type: ignore[no-untyped-def]
     """perception.observation.may_clear on (cells,) uint32, of a view whose ground is known."""
     for i in range(out.shape[0]):
         out[i] = np.float64(doubt[i]) <= clear_below * np.float64(seen[i])
+    if level:
+        for i in range(out.shape[0]):
+            out[i] &= (above[i] == 0) & (below[i] == 0)
 
 
 @compiled(inline="never")
@@ -113,7 +116,7 @@ def judge(  # type: ignore[no-untyped-def]
     """
     may = np.zeros(seen.shape[0], np.bool_)
     if grounded:
-        clear(seen, doubt, clear_below, may)
+        clear(seen, doubt, above, below, clear_below, geometric, may)
     if geometric:
         mark(above, below, raised, enough, marks[0], marks[1], marks[2])
     else:

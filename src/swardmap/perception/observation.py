@@ -111,17 +111,22 @@ class Observation:
         return self.viewpoint_m[2] - GroundPlane.of(self.ground, self.spec, self.viewpoint_m).at_m[2]
 
 
-def may_clear(counted: Counted, ground: Ground | None, clear_below: float) -> NDArray[np.bool_]:
-    """(height, width) bool: cells whose points are hardly ever in doubt, where the ground is known.
+def may_clear(
+    counted: Counted, ground: Ground | None, clear_below: float, level: bool = True
+) -> NDArray[np.bool_]:
+    """(height, width) bool: cells whose points are hardly ever in doubt, on ground that is known.
 
     Args:
         counted: points of a frame by cell.
         ground: of the view.
         clear_below: largest mean P(obstacle or person).
+        level: one point that stands above the ground, or lies below it, is enough not to clear: fewer than a
+            geometric mark takes, and what is called grass half a metre up is no lawn.
     """
     if ground is None:
         return np.zeros(counted.seen.shape, np.bool_)
-    return np.asarray(counted.doubt <= (255 * clear_below) * counted.seen.astype(np.float64))
+    sure = np.asarray(counted.doubt <= (255 * clear_below) * counted.seen.astype(np.float64))
+    return sure & (counted.above == 0) & (counted.below == 0) if level else sure
 
 
 def without_doubt(

@@ -170,7 +170,7 @@ def _thinned_points(
 def judge(counted: Counted, ground: Ground | None, config: Config) -> Judged:
     """What may be cleared, what stands above the ground, and what each cell is by both."""
     rules, geometry = config.grid, config.geometry
-    clear = may_clear(counted, ground, rules.clear_below)
+    clear = may_clear(counted, ground, rules.clear_below, geometry.enabled)
     marks = geometric_marks(counted, geometry) if geometry.enabled else None
     semantic = classify_cells(counted.points, rules.min_points, rules.min_grass_points, clear)
     points, classes = without_doubt(counted.points, clear, rules.min_points), semantic

@@ -30,7 +30,7 @@ class GateConfig(Checked):
     front_m: float = setting(0.5, "from the base to the front of the robot", minimum=0)
     rear_m: float = setting(0.5, "from the base to its rear", minimum=0)
     half_width_m: float = setting(0.35, "half its width", minimum=0)
-    margin_m: float = setting(0.0, "the measured margin, on all sides", minimum=0)
+    margin_m: float = setting(0.0, "the measured margin, on all sides", minimum=0, maximum=10)
     reaction_s: float = setting(0.5, "from the image to the brakes", minimum=0)
     brake_mps2: float = setting(0.7, "how hard it can brake", minimum=0.01)
     turn_radius_m: float = setting(0.6, "turning on the spot sweeps this radius", minimum=0)

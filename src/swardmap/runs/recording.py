@@ -267,5 +267,11 @@ def _mount_facts(T_base_camera: Pose) -> dict[str, float]:
 
 
 def _reasons(source: FrameSource) -> str:
-    left_out = ", ".join(f"{n} x {reason}" for reason, n in source.skipped.items() if n)
+    told = dict(getattr(source, "facts", {})).get("left_out", {})
+    firsts = {reason: about.get("first", "") for reason, about in told.items() if isinstance(about, dict)}
+    left_out = "; ".join(
+        f"{n} x {reason}" + (f", first: {firsts[reason]}" if firsts.get(reason) else "")
+        for reason, n in source.skipped.items()
+        if n
+    )
     return f" (left out: {left_out})" if left_out else ""

@@ -153,6 +153,13 @@ def warnings_of(summary: Mapping[str, Any]) -> list[str]:
                 f"{100 * pixels[name] / readings:.0f} % of the readings are {name.replace('_', ' ')}: check "
                 f"{setting}, the depth unit, and the pose of the camera"
             )
+    refused = summary["watchdog"]["refused"]
+    if refused > MOST * (refused + summary["frames"]):
+        why = ", ".join(f"{n} x {fault}" for fault, n in summary["watchdog"]["faults"].items())
+        found.append(
+            f"{refused} frames were refused as the node would ({why}): check the recording; a simulator "
+            "without noise needs --set watchdog.frozen_s=null"
+        )
     without = summary["ground"]["frames_without"]
     if without > MOST * summary["frames"]:
         found.append(
