@@ -25,7 +25,7 @@ COMMAND = "swardmap evaluate 'a <script>alert(1)</script> & c' -o out"
 @pytest.fixture(scope="module")
 def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("report")
-    config = config_from_dict({"segmenter": {"name": "colour"}})
+    config = config_from_dict({"geometry": {"enabled": False}, "segmenter": {"name": "colour"}})
     plan = make_plan(DatasetSpec("analytic:scenes=2,frames=3,width=128"), config)
     records = evaluate(plan, folder / "run", workers=1)
     records[4] = {"index": 4, "error": "rgb/<b>.png is truncated"}

@@ -156,7 +156,7 @@ def protocol_configs(config: Config, protocol: str) -> tuple[Config, Config]:
     if protocol == "paper":
         return reference, config
     if protocol == "paper-own":
-        return reference, same
+        return reference, replace(same, geometry=labels_alone(config.geometry))
     raise InvalidValueError(f"expected a protocol of paper, paper-own, got '{protocol}'")
 
 
