@@ -19,6 +19,8 @@ VERBS = (
     "synth",
     "synth_over",
 )
+EVERY = {"record": 1, "record_over": 1}
+"""Calls from one kill to the next, else 5; `python -m tests.runs.kills` takes any."""
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs processes of POSIX")
 
 
@@ -39,8 +41,8 @@ def killed(verb: str, folder: Path, every: int) -> list[str]:
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("verb", VERBS)
-def test_killed_at_every_fifth_call_a_verb_leaves_old_or_new_or_a_plan(verb: str, tmp_path: Path) -> None:
-    lines = killed(verb, tmp_path, 5)  # `python -m tests.runs.kills VERB FOLDER 1` takes every call
+def test_killed_at_its_calls_a_verb_leaves_old_or_new_or_a_plan(verb: str, tmp_path: Path) -> None:
+    lines = killed(verb, tmp_path, EVERY.get(verb, 5))
     assert len(lines) > 2
 
 

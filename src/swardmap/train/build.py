@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
+from swardmap.errors import ModelError
 from swardmap.labels import Role
 from swardmap.models.spec import NetworkSpec
 from swardmap.train.encoders import RESNET_DEPTHS, freeze_filters, load_imagenet
@@ -81,3 +82,16 @@ def grass_shift(spec: NetworkSpec, bias: float) -> Tensor:
     roles = {c.id: c.role for c in spec.label_set.classes}
     free = [roles[i] is Role.FREE for i in spec.channel_ids][-spec.channels :]
     return bias * torch.tensor(free, dtype=torch.float32)
+
+
+def export_shift(spec: NetworkSpec) -> Tensor:
+    """(channels,) float32: what `swardmap export` added to the logits, by what the file says of its training.
+
+    Raises:
+        ModelError: if the file tells of biases for another number of classes.
+    """
+    biases = spec.training.get("class_biases", [0.0] * spec.channels)
+    if not isinstance(biases, list) or len(biases) < spec.channels:
+        raise ModelError(f"expected {spec.channels} class_biases in the file, got {biases!r}"[:200])
+    shift = grass_shift(spec, float(spec.training.get("grass_bias", 0.0)))
+    return shift + torch.tensor(biases[-spec.channels :], dtype=torch.float32)

@@ -17,7 +17,7 @@ from torch import Tensor, nn
 
 from swardmap.errors import ModelError
 from swardmap.models.spec import NetworkSpec
-from swardmap.train.build import HEAD, fitted_head, grass_shift
+from swardmap.train.build import HEAD, export_shift, fitted_head
 from swardmap.train.export import read_spec
 from swardmap.train.networks import DeepLabV3Plus
 
@@ -66,7 +66,7 @@ def _head(
     if not set(HEAD) <= set(tensors):
         raise ModelError(f"{path}: expected a network of swardmap's, got one without {HEAD[0]}")
     weight, bias = (torch.from_numpy(tensors[key]) for key in HEAD)
-    bias = bias - grass_shift(source, float(source.training.get("grass_bias", 0.0)))  # it was added at export
+    bias = bias - export_shift(source)
     head = fitted_head(dict(zip(HEAD, (weight, bias), strict=True)), network.state_dict(), spec, source)
     return {key: value.numpy() for key, value in head.items()}
 
