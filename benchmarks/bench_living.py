@@ -34,9 +34,9 @@ from swardmap.segmenter import Segmenter
 from swardmap.synth.analytic import (
     VGA,
     AnalyticSource,
-    Person,
     Scene,
     StereoNoise,
+    Walker,
     garden_scene,
     lane_poses,
     true_map,
@@ -111,7 +111,7 @@ def walking_person(speed_mps: float = 0.8, frames_after: int = 30) -> dict[str, 
 
     Left behind are hazard cells within 5 m of the camera in which the lawn has been seen again.
     """
-    scene = Scene(persons=(Person((4.0, -4.5), (0.0, speed_mps)),), name="crossing")
+    scene = Scene(persons=(Walker((4.0, -4.5), (0.0, speed_mps)),), name="crossing")
     crossing = int(9.0 / speed_mps * 5)
     poses = tuple(lane_poses(crossing + frames_after, step_m=0.0))
     frames = list(AnalyticSource(scene, poses, CROSSING, noise=StereoNoise(), seed=3))

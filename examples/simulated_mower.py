@@ -19,13 +19,13 @@ from swardmap.geometry import Intrinsics, Pose, mount_pose
 from swardmap.io.bags.ros_fields import camera_info_fields, image_fields, odometry_fields
 from swardmap.ros.messages import ros_message
 from swardmap.synth.analytic import StereoNoise, render, with_sensor_noise
-from swardmap.synth.analytic_scene import Person, Scene
+from swardmap.synth.analytic_scene import Scene, Walker
 
 CAMERA = Intrinsics(160, 120, 115.0, 115.0, 79.5, 59.5)
 T_base_camera = mount_pose(0.9, 25.0, xy_m=(0.3, 0.0), parent="base_link", child="camera_optical")
 PERSON_X_M, FRONT_M = 6.0, 0.5
 SPEED_MPS, PERIOD_S, TURN_UP_S = 0.4, 0.1, 60.0
-GARDEN = Scene(persons=(Person((PERSON_X_M, 0.1)),), name="lawn")
+GARDEN = Scene(persons=(Walker((PERSON_X_M, 0.1)),), name="lawn")
 
 
 class Mower:

@@ -21,9 +21,9 @@ from swardmap.labels import GRASS_OBSTACLE_PERSON
 from swardmap.synth.analytic import (
     AnalyticSource,
     Box,
-    Person,
     Scene,
     StereoNoise,
+    Walker,
     lane_poses,
     with_sensor_noise,
 )
@@ -33,7 +33,7 @@ SMALL = AnalyticSource().intrinsics.scaled_to(320, 240)
 R = 0.0625  # a power of two: whole cells stay whole in float32
 CONFIG = Config(grid=GridConfig(resolution_m=R), geometry=GeometryConfig(enabled=False))  # the mask alone
 SCENE = Scene(
-    (Box((2.5, 0.4), (0.5, 0.4, 0.6)), Box((3.5, -0.8), (0.4, 0.4, 0.5))), persons=(Person((4.0, 0.8)),)
+    (Box((2.5, 0.4), (0.5, 0.4, 0.6)), Box((3.5, -0.8), (0.4, 0.4, 0.5))), persons=(Walker((4.0, 0.8)),)
 )
 
 

@@ -21,9 +21,9 @@ from swardmap.perception.observation import Observation
 from swardmap.pipeline import ObstacleMapper
 from swardmap.synth.analytic import (
     AnalyticSource,
-    Person,
     Scene,
     StereoNoise,
+    Walker,
     garden_scene,
     lane_poses,
     sphere,
@@ -212,7 +212,7 @@ def test_on_a_garden_with_noise_and_wrong_masks_evidence_beats_the_last_frame(se
 
 def test_a_person_is_followed_and_leaves_nothing_behind_once_the_lawn_was_seen_five_times() -> None:
     """With the settings as shipped, within 5 m: one second at 5 frames a second."""
-    scene = Scene(persons=(Person((3.5, -4.0), (0.0, 0.8)),), name="crossing")
+    scene = Scene(persons=(Walker((3.5, -4.0), (0.0, 0.8)),), name="crossing")
     intrinsics = Intrinsics(320, 240, 230.0, 230.0, 159.5, 119.5)
     source = AnalyticSource(scene, tuple(lane_poses(58, step_m=0.0)), intrinsics, noise=StereoNoise())
     spec = GridSpec(0.05, 320, 320, (-2.0, -8.0))

@@ -18,8 +18,8 @@ from swardmap.labels import MapClass
 from swardmap.mapping.costmap import LETHAL, NO_INFORMATION, build_costmap
 from swardmap.mapping.geodesy import Projection
 from swardmap.mapping.work_area import (
+    AreaRole,
     Polygon,
-    Role,
     WorkArea,
     checked_ring,
     first_crossing,
@@ -150,27 +150,30 @@ def test_cells_agree_with_opencv_away_from_the_edge(seed: int) -> None:
     for ring in (outer, hole):
         assume(shapely.Polygon(ring).area > 0.01)
         assume(np.abs(np.diff(ring, axis=0)).max(axis=1).min() > 1e-3)
-    polygon = Polygon(Role.BOUNDARY, (outer, hole))
+    polygon = Polygon(AreaRole.BOUNDARY, (outer, hole))
     covered = polygon.covers(spec)
     # a hole may reach out of the outer ring, which even-odd would add: it cuts, and never adds
     signed = np.minimum(by_opencv(spec, [outer]), -by_opencv(spec, [hole]))
     sure = np.abs(signed) > 0.02
     np.testing.assert_array_equal(covered[sure], (signed > 0)[sure])
     for rings in ((outer[::-1], hole), (outer, hole[::-1]), (np.vstack([outer, outer[:1]]), hole)):
-        np.testing.assert_array_equal(Polygon(Role.BOUNDARY, rings).covers(spec), covered)
+        np.testing.assert_array_equal(Polygon(AreaRole.BOUNDARY, rings).covers(spec), covered)
 
 
 def test_areas_of_cells_are_those_of_the_polygons() -> None:
     rings = (SQUARE, SQUARE * 0.3 + 2)
-    area = WorkArea((Polygon(Role.BOUNDARY, rings), Polygon(Role.EXCLUSION, (SQUARE * 0.2 + 6,))))
+    area = WorkArea((Polygon(AreaRole.BOUNDARY, rings), Polygon(AreaRole.EXCLUSION, (SQUARE * 0.2 + 6,))))
     free_m2 = (~area.keep_out(SPEC)).sum() * 0.1**2
     assert free_m2 == pytest.approx(100 - 9 - 4)
     assert area.area_m2 == pytest.approx(91)
 
 
 def test_boundaries_add_up_and_exclusions_win() -> None:
-    two = Polygon(Role.BOUNDARY, (SQUARE,)), Polygon(Role.BOUNDARY, (SQUARE + np.array([5.0, 0.0]),))
-    zone = Polygon(Role.EXCLUSION, (SQUARE * 0.1 + 5,))
+    two = (
+        Polygon(AreaRole.BOUNDARY, (SQUARE,)),
+        Polygon(AreaRole.BOUNDARY, (SQUARE + np.array([5.0, 0.0]),)),
+    )
+    zone = Polygon(AreaRole.EXCLUSION, (SQUARE * 0.1 + 5,))
     free = ~WorkArea((*two, zone)).keep_out(SPEC)
     assert free.sum() * 0.1**2 == pytest.approx(150 - 1)
     only = WorkArea((zone,)).keep_out(SPEC)
@@ -178,7 +181,7 @@ def test_boundaries_add_up_and_exclusions_win() -> None:
 
 
 def test_kept_out_cells_are_lethal_and_the_inside_stays_as_it_was() -> None:
-    area = WorkArea((Polygon(Role.BOUNDARY, (SQUARE,)),))
+    area = WorkArea((Polygon(AreaRole.BOUNDARY, (SQUARE,)),))
     classes = np.full(SPEC.shape, MapClass.UNKNOWN, np.uint8)
     classes[:, 60:] = MapClass.GRASS
     classes[80, 90] = MapClass.OBSTACLE
@@ -199,7 +202,7 @@ def test_kept_out_cells_are_lethal_and_the_inside_stays_as_it_was() -> None:
 
 @given(st.integers(1, 252))
 def test_a_price_on_the_outside_never_makes_unknown_drivable(cost: int) -> None:
-    area = WorkArea((Polygon(Role.BOUNDARY, (SQUARE,)),), cost=cost)
+    area = WorkArea((Polygon(AreaRole.BOUNDARY, (SQUARE,)),), cost=cost)
     classes = np.zeros(SPEC.shape, np.uint8)
     classes[::2] = MapClass.GRASS
     costs = build_costmap(OccupancyGrid(SPEC, classes), CostmapConfig(), [area]).costs
@@ -208,7 +211,7 @@ def test_a_price_on_the_outside_never_makes_unknown_drivable(cost: int) -> None:
 
 
 def test_a_map_in_another_frame_is_refused() -> None:
-    area = WorkArea((Polygon(Role.BOUNDARY, (SQUARE,)),))
+    area = WorkArea((Polygon(AreaRole.BOUNDARY, (SQUARE,)),))
     with pytest.raises(InvalidValueError, match=r"'map', the map in 'odom'.*area.frame_id"):
         area.keep_out(GridSpec(0.1, 5, 5, frame_id="odom"))
 
@@ -242,10 +245,10 @@ def test_crossings_are_those_of_exact_arithmetic(corners: list[tuple[int, int]])
 
 def test_a_field_far_from_its_datum_is_refused() -> None:
     ring = Projection(52.4, 16.9).to_gps(SQUARE)
-    polygon = (Polygon(Role.BOUNDARY, (ring,), "lawn"),)
+    polygon = (Polygon(AreaRole.BOUNDARY, (ring,), "lawn"),)
     near = projected(polygon, AreaConfig(datum_lat=52.4, datum_lon=16.9))
     np.testing.assert_allclose(near.polygons[0].rings[0], SQUARE, atol=1e-4)
-    swapped = (Polygon(Role.BOUNDARY, (ring[:, ::-1],), "lawn"),)
+    swapped = (Polygon(AreaRole.BOUNDARY, (ring[:, ::-1],), "lawn"),)
     for polygons, lat, lon in ((swapped, 52.4, 16.9), (polygon, 52.4, 17.3), (polygon, -52.4, 16.9)):
         with pytest.raises(InvalidValueError, match="'lawn' lies more than 20 km from the datum"):
             projected(polygons, AreaConfig(datum_lat=lat, datum_lon=lon))
@@ -261,7 +264,7 @@ def test_a_field_across_the_date_line_is_one_field() -> None:
     datum = Projection(-17.0, 179.9999)
     ring = datum.to_gps(SQUARE * 10)
     assert ring[:, 0].min() < -179.9 < 179.9 < ring[:, 0].max()
-    area = projected((Polygon(Role.BOUNDARY, (ring,)),), AreaConfig(datum_lat=-17.0, datum_lon=179.9999))
+    area = projected((Polygon(AreaRole.BOUNDARY, (ring,)),), AreaConfig(datum_lat=-17.0, datum_lon=179.9999))
     np.testing.assert_allclose(area.polygons[0].rings[0], SQUARE * 10, atol=1e-4)
 
 
@@ -272,7 +275,7 @@ def test_rings_of_as_many_corners_as_there_may_be_take_no_minutes() -> None:
     twisted = ring.copy()
     twisted[[4000, 6000]] = twisted[[6000, 4000]]
     started = time.process_time()
-    area = WorkArea(tuple(Polygon(Role.BOUNDARY, (ring + i,)) for i in range(20)))
+    area = WorkArea(tuple(Polygon(AreaRole.BOUNDARY, (ring + i,)) for i in range(20)))
     area.keep_out(SPEC)
     with pytest.raises(InvalidValueError, match="crosses itself: the edge after corner 3999"):
         checked_ring(twisted, "boundary")
@@ -294,5 +297,5 @@ def test_a_hole_drawn_as_a_keyhole_only_touches_itself() -> None:
         (4, 5),
         (0, 5),
     ]
-    covered = Polygon(Role.BOUNDARY, (np.array(keyhole, np.float64),)).covers(SPEC)
+    covered = Polygon(AreaRole.BOUNDARY, (np.array(keyhole, np.float64),)).covers(SPEC)
     assert covered.sum() * 0.1**2 == pytest.approx(100 - 4)

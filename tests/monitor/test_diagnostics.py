@@ -7,7 +7,7 @@ import pytest
 
 from swardmap.geometry import Intrinsics, Pose, mount_pose
 from swardmap.monitor.diagnostics import frame_stats, is_upside_down
-from swardmap.synth.analytic import Box, Person, Scene, StereoNoise, garden_scene, render, with_sensor_noise
+from swardmap.synth.analytic import Box, Scene, StereoNoise, Walker, garden_scene, render, with_sensor_noise
 from swardmap.types import Frame, depth_in_metres
 
 CAMERA = Intrinsics(160, 120, 115.0, 115.0, 79.5, 59.5)
@@ -57,7 +57,7 @@ def test_a_slope_is_not_taken_for_an_image_turned_over(slope_deg: float) -> None
 def test_a_wall_and_a_person_before_the_camera_are_not_either() -> None:
     mount = mount_pose(0.9, 25.0)
     wall = Scene((Box((1.2, 0.0), (0.2, 8.0, 3.0)),), (), ())
-    person = Scene((), (), (Person((0.7, 0.0)),))
+    person = Scene((), (), (Walker((0.7, 0.0)),))
     for scene in (wall, person):
         assert frame_stats(seen(scene, mount), 0, mount).upside_down is False
 

@@ -11,7 +11,7 @@ from swardmap.grid import GridSpec, OccupancyGrid
 from swardmap.labels import GRASS, GRASS_OBSTACLE_PERSON, LabelSet, MapClass
 from swardmap.perception.ground_surface import GroundPlane
 from swardmap.pipeline import ObstacleMapper, observe, view_spec
-from swardmap.synth.analytic import VGA, Box, Person, Scene, lane_poses, render, with_sensor_noise
+from swardmap.synth.analytic import VGA, Box, Scene, Walker, lane_poses, render, with_sensor_noise
 from swardmap.types import Frame, Segmentation
 
 SMALL = VGA.scaled_to(320, 240)
@@ -71,7 +71,7 @@ def test_lawn_is_free_however_it_slopes_and_wherever_the_robot_is(
 
 @pytest.mark.parametrize("datum_m", [-3.0, -1.8, 0.0, 1.8, 3.0, 130.0])
 def test_people_and_boxes_are_marked_wherever_the_maps_zero_lies(datum_m: float) -> None:
-    scene = Scene((Box((2.6, -0.6), (0.3, 0.3, 0.3)),), persons=(Person((3.0, 0.6)),))
+    scene = Scene((Box((2.6, -0.6), (0.3, 0.3, 0.3)),), persons=(Walker((3.0, 0.6)),))
     level, lifted = (
         ObstacleMapper(Truth()).step(frame_after(scene, 0.0, 0.0, d)).seen for d in (0.0, datum_m)
     )

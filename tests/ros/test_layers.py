@@ -9,7 +9,7 @@ from swardmap.config import AreaConfig, EvidenceConfig
 from swardmap.grid import GridSpec, OccupancyGrid
 from swardmap.labels import MapClass
 from swardmap.mapping.log_odds_map import LogOddsMap
-from swardmap.mapping.work_area import Polygon, Role, WorkArea
+from swardmap.mapping.work_area import AreaRole, Polygon, WorkArea
 from swardmap.perception.ground_surface import Ground
 from swardmap.perception.observation import Observation, PixelCounts
 from swardmap.ros.ground_heights import GroundHeights
@@ -53,7 +53,7 @@ def test_slow_near_persons_and_nowhere_unknown(seed: int, radius_m: float, perce
 
 def test_out_of_the_work_area_is_kept_out_of() -> None:
     ring = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
-    area = WorkArea((Polygon(Role.BOUNDARY, (ring,)),), "map", AreaConfig().keep_out_cost)
+    area = WorkArea((Polygon(AreaRole.BOUNDARY, (ring,)),), "map", AreaConfig().keep_out_cost)
     mask = keepout_mask(SPEC, area)
     iy, ix = np.indices(SPEC.shape)
     x, y = np.moveaxis(SPEC.center_of(np.stack([ix, iy], axis=-1)), -1, 0)

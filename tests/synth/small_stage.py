@@ -10,7 +10,7 @@ from swardmap.geometry import Intrinsics, Pose, mount_pose
 from swardmap.labels import OTHER, PERSON, VOID_ID
 from swardmap.synth import analytic
 from swardmap.synth.config import RigConfig, SynthConfig
-from swardmap.synth.model import Float32Array, Garden, Ground, Light, Model, Thing, View
+from swardmap.synth.model import Float32Array, Garden, Light, Model, Terrain, Thing, View
 from swardmap.synth.shapes import box, placed
 from swardmap.synth.stage import Drive, Stage
 
@@ -38,7 +38,7 @@ class SmallStage:
         n = round(SIZE_M / TEXEL_M)
         one = np.ones((n, n), np.float32)
         lawn = np.tile(np.linspace(-6, 10, n, dtype=np.float32)[:, None], (1, n))  # gravel beyond y = -2
-        ground = Ground((-SIZE_M / 2, -SIZE_M / 2), TEXEL_M, 0 * one, lawn, (0 * one).astype(np.uint8),
+        ground = Terrain((-SIZE_M / 2, -SIZE_M / 2), TEXEL_M, 0 * one, lawn, (0 * one).astype(np.uint8),
                         np.ones((n, n, 3), np.float32), 0 * one, 0 * one, 0 * one)  # fmt: skip
         things = (
             Thing(Model("shed", (box((1.0, 2.0, 1.8)),)), "shed", placed(x, 2.0)),

@@ -18,9 +18,9 @@ from swardmap.synth.analytic import (
     Cylinder,
     Ellipsoid,
     Patch,
-    Person,
     Scene,
     StereoNoise,
+    Walker,
     garden_scene,
     lane_poses,
     render,
@@ -170,7 +170,7 @@ def test_nearer_things_hide_farther_ones_whatever_their_order() -> None:
 
 
 def test_a_person_walks() -> None:
-    person = Person((3.0, 0.0), (0.0, 0.5))
+    person = Walker((3.0, 0.0), (0.0, 0.5))
     assert person.position_m(2_000_000_000) == pytest.approx((3.0, 1.0))
     scene = Scene(persons=(person,))
     middle = []
@@ -314,7 +314,7 @@ def test_what_cannot_be_is_refused() -> None:
         lambda: Cylinder((0, 0), -1.0, 1.0),
         lambda: sphere((0, 0, 0), float("nan")),
         lambda: Patch((0, 0), (0.0, 1.0)),
-        lambda: Person((0, 0), height_m=0.0),
+        lambda: Walker((0, 0), height_m=0.0),
         lambda: StereoNoise(dropout=1.5),
         lambda: StereoNoise(sigma_m_at_1m=-0.1),
     ):

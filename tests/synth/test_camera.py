@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from swardmap.errors import InvalidValueError
-from swardmap.synth.config import CameraConfig
+from swardmap.synth.config import OpticsConfig
 from swardmap.synth.sensor.camera import (
     CameraFaults,
     draw_faults,
@@ -121,7 +121,7 @@ def test_colours_keep_their_order_under_a_wrong_white_balance() -> None:
 
 def test_drawn_cameras_leave_a_lawn_green_and_not_neon() -> None:
     for seed in range(40):
-        faults = draw_faults(CameraConfig(), np.random.default_rng(seed))
+        faults = draw_faults(OpticsConfig(), np.random.default_rng(seed))
         r, g, b = taken(lawn(), faults, seed).mean(axis=(0, 1))
         assert g > r > b, faults
         assert 45 < g < 215, faults
@@ -129,11 +129,11 @@ def test_drawn_cameras_leave_a_lawn_green_and_not_neon() -> None:
 
 
 def test_faults_off_gives_the_clean_camera() -> None:
-    assert draw_faults(CameraConfig(faults=False), np.random.default_rng(5)) == CLEAN
+    assert draw_faults(OpticsConfig(faults=False), np.random.default_rng(5)) == CLEAN
 
 
 def test_cameras_are_drawn_by_seed_and_within_their_ranges() -> None:
-    config = CameraConfig(exposure_ev=(-0.5, 0.25), jpeg_quality=(60, 61))
+    config = OpticsConfig(exposure_ev=(-0.5, 0.25), jpeg_quality=(60, 61))
     drawn = [draw_faults(config, np.random.default_rng(s)) for s in range(60)]
     assert drawn[7] == draw_faults(config, np.random.default_rng(7))
     assert all(-0.5 <= f.exposure_ev <= 0.25 and f.jpeg_quality in (60, 61) for f in drawn)

@@ -7,20 +7,20 @@ from hypothesis import strategies as st
 
 from swardmap.errors import InvalidValueError
 from swardmap.labels import PERSON
-from swardmap.synth.model import Float64Array, Garden, Ground, Material, Mesh, Model, Texture, Thing
+from swardmap.synth.model import Float64Array, Garden, Material, Mesh, Model, Terrain, Texture, Thing
 from swardmap.synth.shapes import box, placed
 
 
-def ground_of(height: np.ndarray, lawn: np.ndarray | None = None, texel: float = 0.5) -> Ground:
+def ground_of(height: np.ndarray, lawn: np.ndarray | None = None, texel: float = 0.5) -> Terrain:
     blank = np.zeros(height.shape, np.float32)
     lawn = np.ones(height.shape, np.float32) if lawn is None else lawn.astype(np.float32)
-    return Ground(
+    return Terrain(
         (-1.0, 2.0), texel, height.astype(np.float32), lawn, blank.astype(np.uint8),
         np.zeros((*height.shape, 3), np.float32), blank, blank, blank,
     )  # fmt: skip
 
 
-def barycentric_height(ground: Ground, x: float, y: float) -> float | None:
+def barycentric_height(ground: Terrain, x: float, y: float) -> float | None:
     """The height of the one triangle that holds a point, found by trying all."""
     ny, nx = ground.height_m.shape
 

@@ -16,7 +16,7 @@ from swardmap.io import open_source
 from swardmap.io.maps.map_files import read_map
 from swardmap.io.maps.npz_files import read_npz
 from swardmap.labels import MapClass
-from swardmap.synth.config import CameraConfig, MapConfig, StereoConfig
+from swardmap.synth.config import MapConfig, OpticsConfig, StereoConfig
 from swardmap.synth.plan import SynthPlan
 from swardmap.synth.produce import make_source, produce
 from tests.io.contract import check_source
@@ -160,7 +160,7 @@ def test_a_process_that_dies_gives_one_clear_error_and_can_be_resumed(tmp_path: 
         (replace(PLAN, seed=1), "seed: 0 there, 1 now"),
         (replace(PLAN, frames=5), "frames: 3 there, 5 now"),
         (
-            replace(PLAN, config=replace(PLAN.config, camera=CameraConfig(faults=False))),
+            replace(PLAN, config=replace(PLAN.config, camera=OpticsConfig(faults=False))),
             "config.camera.faults: True there, False now",
         ),
     ],

@@ -8,7 +8,7 @@ import pytest
 from swardmap.errors import InvalidValueError
 from swardmap.geometry import mount_pose
 from swardmap.labels import PERSON
-from swardmap.synth.config import CameraConfig, StereoConfig
+from swardmap.synth.config import OpticsConfig, StereoConfig
 from swardmap.synth.plan import SynthPlan
 from swardmap.synth.produce import make_source
 from swardmap.synth.sequence import GardenSource, pose_near, to_millimetres
@@ -31,7 +31,7 @@ def test_it_keeps_the_contract_of_sources() -> None:
 
 def test_labels_and_exact_depth_are_those_of_the_sharp_view_whatever_the_sensors_do() -> None:
     wild = replace(
-        PLAN, config=replace(PLAN.config, camera=CameraConfig(blur_share=1.0, shutter_s=(0.1, 0.1)))
+        PLAN, config=replace(PLAN.config, camera=OpticsConfig(blur_share=1.0, shutter_s=(0.1, 0.1)))
     )
     for shot in source(wild).shots():
         view = SmallStage().view(source().garden, source().light, shot.frame.intrinsics,
@@ -55,7 +55,7 @@ def test_motion_blur_smears_what_moves() -> None:
     still, moving = (
         replace(PLAN, config=replace(
             PLAN.config,
-            camera=replace(CameraConfig(faults=False), faults=True, blur_share=share, shutter_s=(0.3, 0.3),
+            camera=replace(OpticsConfig(faults=False), faults=True, blur_share=share, shutter_s=(0.3, 0.3),
                            shot_noise=(0, 0), read_noise=(0, 0), jpeg_quality=(0, 0), softness_px=(0, 0)),
         ))
         for share in (0.0, 1.0)

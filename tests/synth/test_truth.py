@@ -13,7 +13,7 @@ from swardmap.grid import GridSpec
 from swardmap.labels import GRASS, OTHER, PERSON, LabelClass, MapClass
 from swardmap.synth import analytic
 from swardmap.synth.config import MapConfig
-from swardmap.synth.model import Actor, Garden, Ground, Material, Mesh, Model, Surface, Thing
+from swardmap.synth.model import Actor, Garden, Material, Mesh, Model, Surface, Terrain, Thing
 from swardmap.synth.shapes import box, cylinder, mesh_of, placed, sphere
 from swardmap.synth.truth import frame_map, ground_classes, scene_map
 
@@ -22,17 +22,17 @@ LOT = np.array([[-3, -3], [3, -3], [3, 3], [-3, 3.0]])
 
 
 def ground(size_m: float = 6.0, texel_m: float = 0.1, lawn_m: NDArray[np.float32] | None = None,
-           height_m: NDArray[np.float32] | None = None) -> Ground:  # fmt: skip
+           height_m: NDArray[np.float32] | None = None) -> Terrain:  # fmt: skip
     n = round(size_m / texel_m)
     ones = np.ones((n, n), np.float32)
-    return Ground(
+    return Terrain(
         (-size_m / 2, -size_m / 2), texel_m,
         0 * ones if height_m is None else height_m, ones if lawn_m is None else lawn_m,
         np.full((n, n), Surface.LAWN, np.uint8), np.ones((n, n, 3), np.float32), 0 * ones, 0 * ones, 0 * ones,
     )  # fmt: skip
 
 
-def garden(*things: Thing, on: Ground | None = None, actors: tuple[Actor, ...] = ()) -> Garden:
+def garden(*things: Thing, on: Terrain | None = None, actors: tuple[Actor, ...] = ()) -> Garden:
     return Garden("test", 0, on or ground(), things, LOT, actors)
 
 

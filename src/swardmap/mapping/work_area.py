@@ -24,7 +24,7 @@ MAX_DISTANCE_M = 20_000.0
 """A lawn is nearer to its datum than that; what is not has another field's datum, or swapped coordinates."""
 
 
-class Role(StrEnum):
+class AreaRole(StrEnum):
     """What a polygon is for."""
 
     BOUNDARY = "boundary"
@@ -41,12 +41,12 @@ class Polygon:
         name: what a person would call it.
     """
 
-    role: Role
+    role: AreaRole
     rings: tuple[Ring, ...]
     name: str = ""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "role", Role(self.role))
+        object.__setattr__(self, "role", AreaRole(self.role))
         if not self.rings:
             raise InvalidValueError(f"polygon '{self.name}': expected an outer ring, got none")
         rings = tuple(checked_ring(ring, f"polygon '{self.name}'") for ring in self.rings)
@@ -108,7 +108,7 @@ class WorkArea:
         """Area of the boundaries less their holes; exclusions and overlaps are not taken off."""
         from shapely import Polygon as Shape
 
-        boundaries = (p.rings for p in self.polygons if p.role == Role.BOUNDARY)
+        boundaries = (p.rings for p in self.polygons if p.role == AreaRole.BOUNDARY)
         return float(sum(Shape(outer, holes).area for outer, *holes in boundaries))
 
 
@@ -119,12 +119,12 @@ def work_area_in(layers: Iterable[Layer]) -> WorkArea | None:
 
 @lru_cache(maxsize=4)
 def _kept_out(area: WorkArea, spec: GridSpec) -> NDArray[np.bool_]:
-    boundaries = [p for p in area.polygons if p.role == Role.BOUNDARY]
+    boundaries = [p for p in area.polygons if p.role == AreaRole.BOUNDARY]
     out = np.full(spec.shape, bool(boundaries))
     for polygon in boundaries:
         out &= ~polygon.covers(spec)
     for polygon in area.polygons:
-        if polygon.role == Role.EXCLUSION:
+        if polygon.role == AreaRole.EXCLUSION:
             out |= polygon.covers(spec)
     out.flags.writeable = False
     return out

@@ -15,7 +15,7 @@ from swardmap.grid import GridSpec, OccupancyGrid
 from swardmap.labels import GRASS_OBSTACLE_PERSON, MAP_CLASS_OF_ROLE, LabelSet, MapClass
 from swardmap.synth.analytic_noise import StereoNoise, with_sensor_noise
 from swardmap.synth.analytic_render import cast, paint
-from swardmap.synth.analytic_scene import MAP_FRAME, Person, Scene, garden_scene, lane_poses
+from swardmap.synth.analytic_scene import MAP_FRAME, Scene, Walker, garden_scene, lane_poses
 from swardmap.synth.analytic_solids import (
     GRAVEL,
     LEAVES,
@@ -23,7 +23,7 @@ from swardmap.synth.analytic_solids import (
     Box,
     Cylinder,
     Ellipsoid,
-    Material,
+    Finish,
     Patch,
     sphere,
 )
@@ -38,11 +38,11 @@ __all__ = [
     "Box",
     "Cylinder",
     "Ellipsoid",
-    "Material",
+    "Finish",
     "Patch",
-    "Person",
     "Scene",
     "StereoNoise",
+    "Walker",
     "garden_scene",
     "lane_poses",
     "render",

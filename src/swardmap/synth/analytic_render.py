@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from swardmap.geometry import Float32Array, Intrinsics, Pose
 from swardmap.labels import GRASS, VOID_ID
 from swardmap.synth.analytic_footprints import BoolArray, Float64Array
-from swardmap.synth.analytic_solids import Material, Patch, Solid
+from swardmap.synth.analytic_solids import Finish, Patch, Solid
 
-LAWN = Material((94, 138, 60), "lawn", 0.34)
+LAWN = Finish((94, 138, 60), "lawn", 0.34)
 SUN = np.array([-0.45, 0.62, 0.64]) / np.linalg.norm([-0.45, 0.62, 0.64])  # towards the sun
 SUNLIGHT = (1.0, 0.96, 0.86)
 SKYLIGHT = (0.44, 0.47, 0.55)
@@ -174,7 +174,7 @@ def _corners(solid: Solid) -> Float64Array:
 
 
 def _texture(
-    material: Material, points: Float64Array, normals: Float64Array, fine: Float64Array
+    material: Finish, points: Float64Array, normals: Float64Array, fine: Float64Array
 ) -> Float64Array:
     """(N, 3) albedo 0..255 at points (N, 3)."""
     x, y, z = points.T

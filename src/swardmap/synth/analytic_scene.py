@@ -14,18 +14,18 @@ from swardmap.synth.analytic_solids import (
     Box,
     Cylinder,
     Ellipsoid,
-    Material,
+    Finish,
     Patch,
     Solid,
     sphere,
 )
 
 MAP_FRAME = "map"
-SKIN = Material((214, 166, 138), grain=0.04)
+SKIN = Finish((214, 166, 138), grain=0.04)
 
 
 @dataclass(frozen=True, slots=True)
-class Person:
+class Walker:
     """Somebody who walks straight on: two legs, body, arms and head.
 
     Attributes:
@@ -62,7 +62,7 @@ class Person:
             x, y = here + turn @ np.array([forward, left])
             return float(x), float(y)
 
-        shirt, trousers = Material(self.shirt, grain=0.12), Material(self.trousers, grain=0.1)
+        shirt, trousers = Finish(self.shirt, grain=0.12), Finish(self.trousers, grain=0.1)
         legs = (
             Cylinder(at(side * swing, side * 0.055 * h), 0.045 * h, 0.48 * h, 0.0, PERSON, trousers)
             for side in (1, -1)
@@ -90,7 +90,7 @@ class Scene:
 
     solids: tuple[Solid, ...] = ()
     patches: tuple[Patch, ...] = ()
-    persons: tuple[Person, ...] = ()
+    persons: tuple[Walker, ...] = ()
     name: str = "scene"
 
     def at(self, stamp_ns: int) -> tuple[Solid, ...]:
@@ -112,7 +112,7 @@ def garden_scene(seed: int = 0) -> Scene:
 
     def tree(x: float, y: float) -> tuple[Solid, ...]:
         trunk, crown = near(x, y), float(rng.uniform(0.9, 1.2))
-        bark = Material((104, 82, 64), "leaves", 0.4)
+        bark = Finish((104, 82, 64), "leaves", 0.4)
         middle = (*trunk, 2.1 + 0.75 * crown)
         return (
             Cylinder(trunk, float(rng.uniform(0.11, 0.17)), 2.4, material=bark),
@@ -122,11 +122,11 @@ def garden_scene(seed: int = 0) -> Scene:
     def bush(x: float, y: float) -> Solid:
         r = float(rng.uniform(0.35, 0.5))
         return Ellipsoid(
-            (*near(x, y), 0.5 * r), (r, r, 0.9 * r), material=Material((86, 74, 66), "leaves", 0.7)
+            (*near(x, y), 0.5 * r), (r, r, 0.9 * r), material=Finish((86, 74, 66), "leaves", 0.7)
         )
 
-    bricks = Material((158, 92, 74), "bricks", 0.22)
-    stone = Material((196, 190, 178), grain=0.1)
+    bricks = Finish((158, 92, 74), "bricks", 0.22)
+    stone = Finish((196, 190, 178), grain=0.1)
     ball = ((214, 72, 48), (236, 148, 44), (70, 110, 200))[rng.integers(3)]
     solids: tuple[Solid, ...] = (
         Box((12.4, 0.0), (0.7, 13.0, 1.5), material=LEAVES),  # hedge behind
@@ -136,15 +136,15 @@ def garden_scene(seed: int = 0) -> Scene:
         Box(near(8.8, 3.6), (1.6, 0.6, 0.45), float(rng.uniform(60, 100)), material=stone),
         *tree(6.6, 3.2),
         *tree(9.4, -3.6),
-        Cylinder(near(3.2, 1.5), 0.05, 1.0, material=Material((206, 206, 202), grain=0.05)),
-        Cylinder(near(7.4, -1.3), 0.04, 1.2, material=Material((70, 72, 76), grain=0.05)),
+        Cylinder(near(3.2, 1.5), 0.05, 1.0, material=Finish((206, 206, 202), grain=0.05)),
+        Cylinder(near(7.4, -1.3), 0.04, 1.2, material=Finish((70, 72, 76), grain=0.05)),
         bush(5.6, 1.6),
         bush(10.4, 0.5),
-        sphere((*near(2.6, -0.9), 0.12), 0.12, material=Material(ball, grain=0.05)),
+        sphere((*near(2.6, -0.9), 0.12), 0.12, material=Finish(ball, grain=0.05)),
     )  # fmt: skip
     persons = (
-        Person(near(5.6, -1.5, 0.15), (0.0, 0.55)),
-        Person(near(8.4, 1.2), height_m=float(rng.uniform(1.6, 1.9)), shirt=(60, 92, 150)),
+        Walker(near(5.6, -1.5, 0.15), (0.0, 0.55)),
+        Walker(near(8.4, 1.2), height_m=float(rng.uniform(1.6, 1.9)), shirt=(60, 92, 150)),
     )
     patches = (Patch((4.0, -4.2), (17.0, 1.1)), Patch((1.2, 4.0), (1.6, 3.0), material=GRAVEL))
     return Scene(solids, patches, persons, f"garden-{seed}")

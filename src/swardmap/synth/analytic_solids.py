@@ -20,7 +20,7 @@ from swardmap.synth.analytic_footprints import (
 
 
 @dataclass(frozen=True, slots=True)
-class Material:
+class Finish:
     """How a surface looks: colour (RGB), texture, and how strongly the texture shows (0..1)."""
 
     color: tuple[int, int, int]
@@ -28,9 +28,9 @@ class Material:
     grain: float = 0.08
 
 
-GRAVEL = Material((168, 158, 142), "slabs", 0.16)
-LEAVES = Material((82, 84, 54), "leaves", 0.85)  # olive: less green than any lawn
-WOOD = Material((142, 104, 70), "wood", 0.25)
+GRAVEL = Finish((168, 158, 142), "slabs", 0.16)
+LEAVES = Finish((82, 84, 54), "leaves", 0.85)  # olive: less green than any lawn
+WOOD = Finish((142, 104, 70), "wood", 0.25)
 
 
 class Solid(Protocol):
@@ -41,7 +41,7 @@ class Solid(Protocol):
         """Class of its pixels and cells."""
 
     @property
-    def material(self) -> Material:
+    def material(self) -> Finish:
         """How it looks."""
 
     def intersect(self, origin: Float64Array, directions: Float64Array) -> Float64Array:
@@ -74,7 +74,7 @@ class Box:
     yaw_deg: float = 0.0
     base_m: float = 0.0
     label: LabelClass = OTHER
-    material: Material = WOOD
+    material: Finish = WOOD
 
     def __post_init__(self) -> None:
         _check_positive("box", self.size_m)
@@ -140,7 +140,7 @@ class Cylinder:
     height_m: float
     base_m: float = 0.0
     label: LabelClass = OTHER
-    material: Material = WOOD
+    material: Finish = WOOD
 
     def __post_init__(self) -> None:
         _check_positive("cylinder", (self.radius_m, self.height_m))
@@ -196,7 +196,7 @@ class Ellipsoid:
     center_m: tuple[float, float, float]
     radii_m: tuple[float, float, float]
     label: LabelClass = OTHER
-    material: Material = LEAVES
+    material: Finish = LEAVES
 
     def __post_init__(self) -> None:
         _check_positive("ellipsoid", self.radii_m)
@@ -238,7 +238,7 @@ def sphere(
     center_m: tuple[float, float, float],
     radius_m: float,
     label: LabelClass = OTHER,
-    material: Material = LEAVES,
+    material: Finish = LEAVES,
 ) -> Ellipsoid:
     """An ellipsoid of three equal radii."""
     return Ellipsoid(center_m, (radius_m, radius_m, radius_m), label, material)
@@ -259,7 +259,7 @@ class Patch:
     size_m: tuple[float, float]
     yaw_deg: float = 0.0
     label: LabelClass = OTHER
-    material: Material = GRAVEL
+    material: Finish = GRAVEL
 
     def __post_init__(self) -> None:
         _check_positive("patch", self.size_m)

@@ -54,7 +54,7 @@ class RigConfig(CheckedRanges):
 
 
 @dataclass(frozen=True)
-class CameraConfig(CheckedRanges):
+class OpticsConfig(CheckedRanges):
     """What optics, sensor and processing do to the colour image."""
 
     faults: bool = setting(True, "false: a clean picture, exposed well")
@@ -134,7 +134,7 @@ class SynthConfig(Checked):
 
     scene: SceneConfig = field(default_factory=SceneConfig)
     rig: RigConfig = field(default_factory=RigConfig)
-    camera: CameraConfig = field(default_factory=CameraConfig)
+    camera: OpticsConfig = field(default_factory=OpticsConfig)
     stereo: StereoConfig = field(default_factory=StereoConfig)
     map: MapConfig = field(default_factory=MapConfig)
 

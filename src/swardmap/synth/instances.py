@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from swardmap.geometry import Intrinsics, Pose
 from swardmap.io.sources.truth import FIRST_AREA, GroundRaster, KnownThing
 from swardmap.labels import GRASS
-from swardmap.synth.model import Ground, Surface, Thing, View
+from swardmap.synth.model import Surface, Terrain, Thing, View
 
 
 def instance_ids(
-    view: View, ground: Ground, intrinsics: Intrinsics, T_map_camera: Pose
+    view: View, ground: Terrain, intrinsics: Intrinsics, T_map_camera: Pose
 ) -> NDArray[np.uint16]:
     """(H, W) uint16: 1 + index of the thing, FIRST_AREA + surface of bare ground that is no lawn, else 0.
 
@@ -36,7 +36,7 @@ def instance_ids(
     return ids
 
 
-def known_things(ids: NDArray[np.uint16], things: Sequence[Thing], ground: Ground) -> dict[int, KnownThing]:
+def known_things(ids: NDArray[np.uint16], things: Sequence[Thing], ground: Terrain) -> dict[int, KnownThing]:
     """What the ids of an image stand for.
 
     Args:
@@ -54,7 +54,7 @@ def known_things(ids: NDArray[np.uint16], things: Sequence[Thing], ground: Groun
     return known
 
 
-def height_above(thing: Thing, ground: Ground) -> float:
+def height_above(thing: Thing, ground: Terrain) -> float:
     """How far a thing rises above the ground at its foot, in metres."""
     low, high = thing.model.bounds_m()
     box = np.stack(np.meshgrid(*np.stack((low, high)).astype(np.float64).T, indexing="ij"), axis=-1)
@@ -63,6 +63,6 @@ def height_above(thing: Thing, ground: Ground) -> float:
     return top - float(ground.height_at(T[None, :2, 3])[0])
 
 
-def ground_raster(ground: Ground) -> GroundRaster:
+def ground_raster(ground: Terrain) -> GroundRaster:
     """The ground as it lies beside a recording."""
     return GroundRaster(ground.origin_m, ground.texel_m, ground.height_m.astype(np.float32))

@@ -162,7 +162,7 @@ class Surface(IntEnum):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Ground:
+class Terrain:
     """A height field with a map of what covers it; both rasters have the same square texels.
 
     Raster row iy, column ix is the point (origin + (ix + 0.5, iy + 0.5) * texel_m): values sit at texel
@@ -258,7 +258,7 @@ class Garden:
 
     name: str
     seed: int
-    ground: Ground
+    ground: Terrain
     things: tuple[Thing, ...]
     lot_m: Float64Array
     actors: tuple[Actor, ...] = ()

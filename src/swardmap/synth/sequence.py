@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from swardmap.errors import InvalidValueError
 from swardmap.geometry import Intrinsics, Pose, interpolate_pose
 from swardmap.labels import GRASS_OBSTACLE_PERSON, LabelSet
-from swardmap.synth.config import CameraConfig, StereoConfig
+from swardmap.synth.config import OpticsConfig, StereoConfig
 from swardmap.synth.model import Garden, Light, View
 from swardmap.synth.sensor.camera import CameraFaults, draw_faults, photograph
 from swardmap.synth.sensor.stereo import StereoModel, draw_stereo, stereo_depth
@@ -61,7 +61,7 @@ class GardenSource:
     run: Sequence[tuple[int, Pose]]
     intrinsics: Intrinsics
     view_of: ViewOf
-    camera: CameraConfig
+    camera: OpticsConfig
     stereo: StereoConfig
     seed: tuple[int, ...] = (0,)
     tags: Mapping[str, str] | None = None

@@ -23,7 +23,7 @@ from swardmap.grid import GridSpec, OccupancyGrid
 from swardmap.labels import MAP_CLASS_OF_ROLE, MapClass
 from swardmap.synth.config import MapConfig
 from swardmap.synth.footprints import clipped, cross, to_cells, touch
-from swardmap.synth.model import Float64Array, Garden, Ground, Mesh, Thing
+from swardmap.synth.model import Float64Array, Garden, Mesh, Terrain, Thing
 
 BoolArray = NDArray[np.bool_]
 
@@ -37,7 +37,7 @@ class _Slab:
     """Heights above the ground between which things count, and where."""
 
     spec: GridSpec
-    ground: Ground
+    ground: Terrain
     low_m: float
     high_m: float
 
@@ -94,7 +94,7 @@ def frame_map(
     return OccupancyGrid(window, classes, stamp_ns)
 
 
-def ground_classes(ground: Ground, spec: GridSpec) -> NDArray[np.uint8]:
+def ground_classes(ground: Terrain, spec: GridSpec) -> NDArray[np.uint8]:
     """(height, width) uint8 MapClass of the bare ground: grass where all of a cell is lawn."""
     n = max(1, int(np.ceil(spec.resolution_m / LATTICE_M - 1e-9)))
     step = spec.resolution_m / n
@@ -176,7 +176,7 @@ def _bounds(mesh: Mesh, T: Float64Array) -> tuple[Float64Array, Float64Array]:
     return moved.min(axis=0), moved.max(axis=0)
 
 
-def _highest_ground(ground: Ground, low: Float64Array, high: Float64Array) -> float:
+def _highest_ground(ground: Terrain, low: Float64Array, high: Float64Array) -> float:
     """Upper bound of the ground's height over a rectangle."""
     ny, nx = ground.height_m.shape
     first = np.floor((low - ground.origin_m) / ground.texel_m - 0.5).astype(int)
@@ -203,7 +203,7 @@ def _fill_enclosed(
             np.maximum(classes[here], np.uint8(map_class), out=classes[here], where=hole)
 
 
-def _on_raster(ground: Ground, spec: GridSpec) -> BoolArray:
+def _on_raster(ground: Terrain, spec: GridSpec) -> BoolArray:
     """Cells that lie wholly on the ground's raster."""
     low = np.asarray(ground.origin_m)
     high = low + np.array(ground.height_m.shape[::-1]) * ground.texel_m
@@ -228,7 +228,7 @@ def _window(spec: GridSpec, T_map_camera: Pose, intrinsics: Intrinsics, range_m:
 
 
 def _ahead(
-    spec: GridSpec, ground: Ground, T_map_camera: Pose, intrinsics: Intrinsics, range_m: float
+    spec: GridSpec, ground: Terrain, T_map_camera: Pose, intrinsics: Intrinsics, range_m: float
 ) -> BoolArray:
     iy, ix = np.indices(spec.shape)
     xy = spec.center_of(np.stack((ix, iy), axis=-1).reshape(-1, 2))

@@ -15,7 +15,7 @@ from swardmap.errors import InputError
 from swardmap.grid import GridSpec
 from swardmap.io.maps.area_files import MAX_BYTES, read_area, read_polygons
 from swardmap.mapping.geodesy import Projection
-from swardmap.mapping.work_area import Role
+from swardmap.mapping.work_area import AreaRole
 
 pytest.importorskip("pyproj")
 LAT, LON = 52.4012, 16.9123
@@ -116,7 +116,7 @@ def test_geojson_and_kml_give_the_same_cells(tmp_path: Path) -> None:
 )  # fmt: skip
 def test_one_boundary_in_many_spellings(content: Any, tmp_path: Path) -> None:
     polygons, ignored = read_polygons(written(tmp_path, content))
-    assert [(p.role, len(p.rings)) for p in polygons] == [(Role.BOUNDARY, 1)]
+    assert [(p.role, len(p.rings)) for p in polygons] == [(AreaRole.BOUNDARY, 1)]
     np.testing.assert_allclose(np.sort(polygons[0].rings[0], axis=0), np.sort(LAWN[:-1], axis=0))
     assert ignored == {}
 
@@ -131,7 +131,7 @@ def test_roles_in_kml_come_from_data_or_the_first_word_of_a_name(tmp_path: Path)
         + f"<Folder><name>Exclusion zones</name>{placemark('pond', kml_polygon(POND))}</Folder>"
     )
     polygons, _ = read_polygons(written(tmp_path, kml(body)))
-    assert [p.role for p in polygons] == [Role.BOUNDARY, Role.EXCLUSION, Role.EXCLUSION]
+    assert [p.role for p in polygons] == [AreaRole.BOUNDARY, AreaRole.EXCLUSION, AreaRole.EXCLUSION]
 
 
 def test_what_has_no_area_is_counted(tmp_path: Path) -> None:
@@ -245,7 +245,7 @@ def test_a_role_is_found_however_it_is_written(
     polygons, _ = read_polygons(
         written(tmp_path, collection(feature([LAWN], **lawn), feature([POND], **pond)))
     )
-    assert [p.role for p in polygons] == [Role.BOUNDARY, Role.EXCLUSION]
+    assert [p.role for p in polygons] == [AreaRole.BOUNDARY, AreaRole.EXCLUSION]
 
 
 @pytest.mark.parametrize(
@@ -285,5 +285,5 @@ def test_kml_in_utf_16_and_with_blanks_behind_commas(declared: str, tmp_path: Pa
     for encoding in ("utf-16", "utf-8"):
         file.write_bytes(text.encode(encoding))
         polygons, _ = read_polygons(file)
-        assert [p.role for p in polygons] == [Role.BOUNDARY, Role.EXCLUSION]
+        assert [p.role for p in polygons] == [AreaRole.BOUNDARY, AreaRole.EXCLUSION]
         np.testing.assert_allclose(np.sort(polygons[1].rings[0], axis=0), np.sort(BED[:-1], axis=0))

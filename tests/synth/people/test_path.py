@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from swardmap.errors import InvalidValueError
 from swardmap.labels import OTHER, PERSON
-from swardmap.synth.model import Ground, Model
+from swardmap.synth.model import Model, Terrain
 from swardmap.synth.people.path import Mover, Path, cyclist, walker
 from swardmap.synth.shapes import box
 from tests.synth.people.bodies import assets
@@ -15,13 +15,13 @@ from tests.synth.people.bodies import assets
 RING = Path(3.0 * np.stack((np.cos(np.arange(24) * np.pi / 12), np.sin(np.arange(24) * np.pi / 12)), 1), True)
 
 
-def hill(slope_x: float, slope_y: float) -> Ground:
+def hill(slope_x: float, slope_y: float) -> Terrain:
     """An inclined plane of 20 m."""
     n, texel = 80, 0.25
     x, y = np.meshgrid((np.arange(n) + 0.5) * texel - 10, (np.arange(n) + 0.5) * texel - 10)
     one = np.ones((n, n), np.float32)
     z = (slope_x * x + slope_y * y).astype(np.float32)
-    return Ground((-10, -10), texel, z, one, (0 * one).astype(np.uint8), np.ones((n, n, 3), np.float32),
+    return Terrain((-10, -10), texel, z, one, (0 * one).astype(np.uint8), np.ones((n, n, 3), np.float32),
                   0.03 * one, one, 0 * one)  # fmt: skip
 
 

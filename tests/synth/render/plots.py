@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swardmap.geometry import Intrinsics, Pose, mount_pose
-from swardmap.synth.model import Float64Array, Garden, Ground, Light, Surface, Thing
+from swardmap.synth.model import Float64Array, Garden, Light, Surface, Terrain, Thing
 
 LENS = Intrinsics(160, 120, 140.0, 141.0, 80.3, 58.9)
 TEXEL_M = 0.04
@@ -25,7 +25,7 @@ def bumpy(x: Float64Array, y: Float64Array) -> Float64Array:
     return 0.1 * x - 0.06 * y + waves
 
 
-def ground_of(height: Field = flat, lawn: Field | None = None, blade_m: float = 0.0) -> Ground:
+def ground_of(height: Field = flat, lawn: Field | None = None, blade_m: float = 0.0) -> Terrain:
     """24 m x 24 m around the origin."""
     n = round(2 * HALF_M / TEXEL_M)
     at = (np.arange(n) + 0.5) * TEXEL_M - HALF_M
@@ -33,13 +33,13 @@ def ground_of(height: Field = flat, lawn: Field | None = None, blade_m: float = 
     one = np.ones((n, n), np.float32)
     inside = one if lawn is None else lawn(x, y).astype(np.float32)
     surface = np.where(inside > 0, Surface.LAWN, Surface.GRAVEL).astype(np.uint8)
-    return Ground(
+    return Terrain(
         (-HALF_M, -HALF_M), TEXEL_M, height(x, y).astype(np.float32), inside, surface,
         np.full((n, n, 3), (0.1, 0.14, 0.05), np.float32), blade_m * one, one, 0.1 * one,
     )  # fmt: skip
 
 
-def garden_of(ground: Ground | None = None, things: Sequence[Thing] = (), seed: int = 3) -> Garden:
+def garden_of(ground: Terrain | None = None, things: Sequence[Thing] = (), seed: int = 3) -> Garden:
     lot = HALF_M * np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]])
     return Garden("plot", seed, ground or ground_of(), tuple(things), lot)
 
@@ -83,7 +83,7 @@ def smooth(depth: NDArray[np.floating], step: float = 0.06) -> NDArray[np.bool_]
 
 
 def hit_ground(
-    origin: Float64Array, directions: Float64Array, ground: Ground, far_m: float = 20.0
+    origin: Float64Array, directions: Float64Array, ground: Terrain, far_m: float = 20.0
 ) -> Float64Array:
     """Depth where rays first meet the height field: a march in steps of 5 mm, then bisection; 0 = none."""
     flat_rays = directions.reshape(-1, 3)

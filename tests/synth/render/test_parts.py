@@ -10,7 +10,7 @@ from swardmap.geometry import project
 from swardmap.io.sources.eden_layout import LIGHTS
 from swardmap.synth.light import sample_light
 from swardmap.synth.render.blades import FULL_PER_M2, tufts
-from swardmap.synth.render.camera import Camera
+from swardmap.synth.render.camera import RenderCamera
 from swardmap.synth.render.context import source_of
 from swardmap.synth.render.ground import TILE, plain, tile_grid
 from swardmap.synth.render.lawn import share_at
@@ -26,7 +26,7 @@ angle = st.floats(0, 360)
 @settings(max_examples=50, deadline=None)
 @given(angle, st.floats(-20, 40), st.lists(st.floats(-8, 8), min_size=3, max_size=3))
 def test_clip_coordinates_are_those_of_the_pinhole(yaw: float, pitch: float, p: list[float]) -> None:
-    camera = Camera.of(plots.LENS, plots.camera_at(1.0, -2.0, yaw, 0.9, pitch))
+    camera = RenderCamera.of(plots.LENS, plots.camera_at(1.0, -2.0, yaw, 0.9, pitch))
     at = (np.array(p) - camera.position_m) @ camera.axes
     if at[2] < 0.1:
         return
@@ -43,7 +43,7 @@ def test_clip_coordinates_are_those_of_the_pinhole(yaw: float, pitch: float, p: 
 def test_no_sphere_is_culled_that_reaches_into_the_picture(
     yaw: float, centre: list[float], radius: float
 ) -> None:
-    camera = Camera.of(plots.LENS, plots.camera_at(0.0, 0.0, yaw))
+    camera = RenderCamera.of(plots.LENS, plots.camera_at(0.0, 0.0, yaw))
     rng = np.random.default_rng(0)
     on = rng.standard_normal((400, 3))
     on = np.array(centre) + radius * on / np.linalg.norm(on, axis=1, keepdims=True)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from swardmap.synth.model import Float64Array, Garden, Ground, Thing
+from swardmap.synth.model import Float64Array, Garden, Terrain, Thing
 from swardmap.synth.scene.garden import build_garden
 from tests.synth.people.bodies import assets
 
@@ -35,7 +35,7 @@ def vertices(thing: Thing) -> Float64Array:
     return out
 
 
-def heights_m(thing: Thing, ground: Ground) -> tuple[Float64Array, Float64Array]:
+def heights_m(thing: Thing, ground: Terrain) -> tuple[Float64Array, Float64Array]:
     """Above the ground: of all vertices, and of those within 1.5 cm of the model's lowest."""
     at = vertices(thing)
     z = np.concatenate([mesh.xyz[:, 2] for mesh in thing.model.meshes])

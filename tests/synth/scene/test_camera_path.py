@@ -7,7 +7,7 @@ from swardmap.errors import InvalidValueError
 from swardmap.geometry import Intrinsics
 from swardmap.labels import GRASS, PERSON
 from swardmap.synth.model import Float64Array, Garden
-from swardmap.synth.scene.camera_path import Rig, mowing_run, random_rig
+from swardmap.synth.scene.camera_path import MowerCamera, mowing_run, random_rig
 from swardmap.synth.scene.clearance import CELL_M, clearance_of
 from swardmap.synth.scene.lanes import THINGS_M, there_and_back, timed
 from tests.synth.scene.gardens import SEEDS, garden, vertices
@@ -17,7 +17,7 @@ each_garden = pytest.mark.parametrize("seed", SEEDS)
 LENS = Intrinsics(640, 480, 580.0, 580.0, 319.5, 239.5)
 
 
-def run_of(seed: int, rig: Rig | None = None) -> tuple[Float64Array, Float64Array, Float64Array]:
+def run_of(seed: int, rig: MowerCamera | None = None) -> tuple[Float64Array, Float64Array, Float64Array]:
     """Seconds, places and viewing directions (n x 3) of the camera."""
     run = mowing_run(garden(seed), seed, FRAMES, RATE_HZ, rig)
     T = np.array([pose.matrix for _, pose in run])
@@ -38,7 +38,7 @@ def test_rigs_are_those_of_mowers() -> None:
 
 @each_garden
 def test_the_camera_keeps_its_height_pitch_and_roll_over_the_ground(seed: int) -> None:
-    rig = Rig(LENS, height_m=0.7, pitch_deg=17, vibration_m=0, vibration_deg=0)
+    rig = MowerCamera(LENS, height_m=0.7, pitch_deg=17, vibration_m=0, vibration_deg=0)
     _, place, ahead = run_of(seed, rig)
     it = garden(seed)
     over = place[:, 2] - it.ground.height_at(place[:, :2])
@@ -51,7 +51,7 @@ def test_the_camera_keeps_its_height_pitch_and_roll_over_the_ground(seed: int) -
 
 @each_garden
 def test_the_mower_stays_on_the_lawn_clear_of_things_at_a_mowers_speed(seed: int) -> None:
-    rig = Rig(LENS, forward_m=0.0, left_m=0.0, vibration_m=0, vibration_deg=0)
+    rig = MowerCamera(LENS, forward_m=0.0, left_m=0.0, vibration_m=0, vibration_deg=0)
     seconds, place, ahead = run_of(seed, rig)
     it = garden(seed)
     assert it.ground.is_lawn(place[:, :2]).all()
@@ -131,6 +131,6 @@ def test_impossible_runs_and_rigs_are_one_clear_error() -> None:
     with pytest.raises(InvalidValueError, match="expected frames and a positive rate, got 0"):
         mowing_run(garden(0), 0, 0)
     with pytest.raises(InvalidValueError, match="expected a height in 0-3 m"):
-        Rig(LENS, height_m=9)
+        MowerCamera(LENS, height_m=9)
     with pytest.raises(InvalidValueError, match="vibrations of 0 or more"):
-        Rig(LENS, vibration_m=-1)
+        MowerCamera(LENS, vibration_m=-1)

@@ -16,7 +16,7 @@ from swardmap.io.door import parse_yaml, through_door
 from swardmap.io.files import read_bytes
 from swardmap.io.maps.area_roles import Found, role_of
 from swardmap.io.maps.kml import KML_DAMAGE, from_kml
-from swardmap.mapping.work_area import Polygon, Role, WorkArea, projected
+from swardmap.mapping.work_area import AreaRole, Polygon, WorkArea, projected
 
 MAX_BYTES = 20_000_000
 MAX_POLYGONS = 2_000
@@ -65,7 +65,7 @@ def read_metric_area(path: str | Path, frame_id: str = "map", cost: int = 254) -
             f"{path}: expected 'polygon_m: [[x, y], ...]' in metres, got something else"
         ) from error
     try:
-        return WorkArea((Polygon(Role.BOUNDARY, (corners,), Path(path).stem),), frame_id, cost)
+        return WorkArea((Polygon(AreaRole.BOUNDARY, (corners,), Path(path).stem),), frame_id, cost)
     except InvalidValueError as error:
         raise InputError(f"{path}: {error}") from error
 
@@ -114,7 +114,7 @@ def _with_roles(found: list[Found], ignored: Counter[str]) -> tuple[Polygon, ...
         raise ValueError(
             f"expected a role (boundary or exclusion) for every polygon or for none, '{without[0]}' has none"
         )
-    polygons = tuple(Polygon(role or Role.BOUNDARY, rings, name) for role, name, rings in found)
+    polygons = tuple(Polygon(role or AreaRole.BOUNDARY, rings, name) for role, name, rings in found)
     if without:
         _refuse_nested(polygons)
     return polygons
@@ -186,7 +186,7 @@ def _from_feature(feature: Mapping[str, Any], number: str, ignored: Counter[str]
 
 
 def _polygons_of(
-    geometry: Mapping[str, Any], role: Role | None, ignored: Counter[str]
+    geometry: Mapping[str, Any], role: AreaRole | None, ignored: Counter[str]
 ) -> Iterator[tuple[NDArray[np.float64], ...]]:
     kind = geometry["type"]
     if kind == "Polygon":

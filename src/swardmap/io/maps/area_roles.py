@@ -3,10 +3,10 @@
 from collections.abc import Mapping
 from typing import Any
 
-from swardmap.mapping.work_area import Ring, Role
+from swardmap.mapping.work_area import AreaRole, Ring
 
-Found = tuple[Role | None, str, tuple[Ring, ...]]
-"""Role or None, name, rings of (longitude, latitude)."""
+Found = tuple[AreaRole | None, str, tuple[Ring, ...]]
+"""AreaRole or None, name, rings of (longitude, latitude)."""
 
 ROLE_KEYS = ("role", "type", "kind")
 """Properties that say what a polygon is for, in any case."""
@@ -19,9 +19,9 @@ EXCLUSION_WORDS = (
     "exclusion exclusive exclude excluded exclusionzone keepout nogo nogozone forbidden restricted avoid "
     "obstacle hole"
 )
-ROLE_OF_WORD: Mapping[str, Role] = {
-    **dict.fromkeys(BOUNDARY_WORDS.split(), Role.BOUNDARY),
-    **dict.fromkeys(EXCLUSION_WORDS.split(), Role.EXCLUSION),
+ROLE_OF_WORD: Mapping[str, AreaRole] = {
+    **dict.fromkeys(BOUNDARY_WORDS.split(), AreaRole.BOUNDARY),
+    **dict.fromkeys(EXCLUSION_WORDS.split(), AreaRole.EXCLUSION),
 }
 """Words that mean a role, without blanks and strokes: ours, and those of mowers and flight planners."""
 
@@ -29,10 +29,10 @@ SAYS_NOTHING = frozenset({"polygon", "multipolygon", "feature", "way", "relation
 """Words under `type` that say what the thing is drawn as."""
 
 
-def role_of(properties: Mapping[str, Any], name: str) -> Role | None:
+def role_of(properties: Mapping[str, Any], name: str) -> AreaRole | None:
     """The role that the words of a feature give it; None if there is none."""
     words = {str(key).lower(): value for key, value in properties.items()}
-    roles: dict[str, Role] = {}
+    roles: dict[str, AreaRole] = {}
     for key in ROLE_KEYS:
         word = words.get(key)
         if word is None or (isinstance(word, str) and (not word.strip() or _plain(word) in SAYS_NOTHING)):
@@ -52,7 +52,7 @@ def role_of(properties: Mapping[str, Any], name: str) -> Role | None:
     return next(iter(roles.values()), None) or _role_in_name(name)
 
 
-def _role_in_name(name: str) -> Role | None:
+def _role_in_name(name: str) -> AreaRole | None:
     """`Exclusion pond`, `boundary: front`, `No-go_bed`: the first word, or the first two."""
     words = name.lower().replace("_", " ").replace(":", " ").replace("-", " ").split()
     for count in (2, 1):

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swardmap.io.maps.area_roles import Found, role_of
-from swardmap.mapping.work_area import Role
+from swardmap.mapping.work_area import AreaRole
 
 KML_DAMAGE = (ET.ParseError,)
 """What a damaged file makes `from_kml` raise beside ValueError."""
@@ -46,7 +46,7 @@ def _tag(element: ET.Element) -> str:
     return str(element.tag).rpartition("}")[2]
 
 
-def _from_kml(node: ET.Element, role: Role | None, name: str, ignored: Counter[str]) -> Iterator[Found]:
+def _from_kml(node: ET.Element, role: AreaRole | None, name: str, ignored: Counter[str]) -> Iterator[Found]:
     """Polygons below a node; role and name are those of the nearest Placemark or Folder that has them."""
     tag = _tag(node)
     if tag in ("Placemark", "Folder", "Document"):
@@ -63,7 +63,7 @@ def _from_kml(node: ET.Element, role: Role | None, name: str, ignored: Counter[s
         yield from _from_kml(child, role, name, ignored)
 
 
-def _kml_role(node: ET.Element) -> Role | None:
+def _kml_role(node: ET.Element) -> AreaRole | None:
     data = node.findall("{*}ExtendedData//{*}Data") + node.findall("{*}ExtendedData//{*}SimpleData")
     words = {d.get("name", ""): (_child_text(d, "value") or d.text or "").strip() for d in data}
     return role_of(words, _child_text(node, "name"))

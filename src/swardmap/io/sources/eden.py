@@ -33,7 +33,7 @@ from swardmap.io.sources.eden_layout import (
     RGB,
     SCENE,
     SEGMENTATION,
-    Entry,
+    EdenEntry,
     locate,
     scenes,
     stems_of,
@@ -60,7 +60,7 @@ class Eden:
     poses: bool
     has_labels: bool
 
-    def frames(self, entries: list[Entry], tally: Tally) -> Iterator[Frame]:
+    def frames(self, entries: list[EdenEntry], tally: Tally) -> Iterator[Frame]:
         """The frames listed; what is left out or done without is counted, so are pixels that mean nothing."""
         for entry in entries:
             missing = self._missing(entry)
@@ -72,14 +72,14 @@ class Eden:
             except InvalidValueError as error:
                 raise InputError(f"{self.root}, frame {entry.name}: {error}") from error
 
-    def _missing(self, entry: Entry) -> str | None:
+    def _missing(self, entry: EdenEntry) -> str | None:
         needed = {RGB: NO_COLOR, DEPTH: NO_DEPTH}
         if self.table.camera is None:
             needed[CAMERA] = NO_CAMERA
         reasons = (reason for part, reason in needed.items() if not entry.file(self.root, part).is_file())
         return next(reasons, None)
 
-    def _read(self, entry: Entry, tally: Tally) -> Frame:
+    def _read(self, entry: EdenEntry, tally: Tally) -> Frame:
         rgb = read_color(entry.file(self.root, RGB))
         intrinsics, T_map_camera = self._camera(entry, rgb.shape[1], rgb.shape[0], tally)
         labels = self._labels(entry, tally)
@@ -95,7 +95,9 @@ class Eden:
             tags={"scene": entry.scene, "illumination": entry.light},
         )
 
-    def _camera(self, entry: Entry, width: int, height: int, tally: Tally) -> tuple[Intrinsics, Pose | None]:
+    def _camera(
+        self, entry: EdenEntry, width: int, height: int, tally: Tally
+    ) -> tuple[Intrinsics, Pose | None]:
         file = entry.file(self.root, CAMERA)
         if not file.is_file() and self.table.camera is not None:
             tally.skip(CAMERA_OF_TABLE)
@@ -113,7 +115,7 @@ class Eden:
             tally.skip(NO_POSE)
         return intrinsics, None
 
-    def _labels(self, entry: Entry, tally: Tally) -> NDArray[np.uint8] | None:
+    def _labels(self, entry: EdenEntry, tally: Tally) -> NDArray[np.uint8] | None:
         if not self.has_labels:
             return None
         file = entry.file(self.root, SEGMENTATION)
@@ -167,7 +169,7 @@ def open_source(path: Path, config: SourceConfig) -> Source:
     stems = [(s, li, stem) for s, li in sequences for stem in stems_of(root, s, li)]
     if not stems:
         raise InputError(f"{path}: no frame found, neither {RGB}/.../*_L.png nor {DEPTH}/.../*_L.mat")
-    entries = [Entry(*parts, i * PERIOD_NS) for i, parts in enumerate(stems)]
+    entries = [EdenEntry(*parts, i * PERIOD_NS) for i, parts in enumerate(stems)]
     name = "-".join(filter(None, (root.name, scene, light)))
     chosen = entries[config.start : config.stop : config.every]
     eden = Eden(root, table, poses=not config.level, has_labels=(root / SEGMENTATION).is_dir())
@@ -210,13 +212,13 @@ def write_eden(
     for count, frame in enumerate(frames, 1):
         if frame.labels is not None and frame.label_set is not None:
             _declare(root / LABEL_TABLE, frame.label_set)
-        _write_frame(frame, root, Entry(scene, illumination, f"{count:05d}", 0))
+        _write_frame(frame, root, EdenEntry(scene, illumination, f"{count:05d}", 0))
     if count == 0:
         raise InvalidValueError(f"no frame to write into {path}")
     return count
 
 
-def _write_frame(frame: Frame, root: Path, entry: Entry) -> None:
+def _write_frame(frame: Frame, root: Path, entry: EdenEntry) -> None:
     depth = frame.depth if frame.depth.dtype == np.float32 else frame.depth_m
     arrays = {"K_L": frame.intrinsics.matrix}
     if frame.T_map_camera is not None:

@@ -14,7 +14,7 @@ LABEL_TABLE = "label_table.yaml"
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class EdenEntry:
     """One frame by name."""
 
     scene: str

@@ -38,7 +38,7 @@ PERIOD_NS = 100_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class FolderEntry:
     """One frame by name: its stamp, and its pose if the recording has one for it."""
 
     name: str
@@ -47,7 +47,7 @@ class Entry:
 
 
 @dataclass(frozen=True, slots=True)
-class Camera:
+class FolderCamera:
     """What camera.yaml holds."""
 
     intrinsics: Intrinsics
@@ -61,10 +61,10 @@ class Folder:
     """A folder in our layout."""
 
     path: Path
-    camera: Camera
+    camera: FolderCamera
     has_labels: bool
 
-    def frames(self, entries: list[Entry], tally: Tally) -> Iterator[Frame]:
+    def frames(self, entries: list[FolderEntry], tally: Tally) -> Iterator[Frame]:
         """The frames listed; one whose files are missing is counted."""
         for entry in entries:
             color = _file_of(self.path / "rgb", entry.name, COLOR_SUFFIXES)
@@ -75,7 +75,7 @@ class Folder:
                 continue
             yield self._read(entry, color, depth)
 
-    def clean_frame(self, entry: Entry) -> Frame | None:
+    def clean_frame(self, entry: FolderEntry) -> Frame | None:
         """A frame with the exact depth of the folder `exact`; None if there is none."""
         exact = self.path / "exact"
         color = _file_of(self.path / "rgb", entry.name, COLOR_SUFFIXES)
@@ -85,7 +85,7 @@ class Folder:
         unit = _read_camera(exact / CAMERA_FILE, None).depth_unit_m
         return replace(self._read(entry, color, depth), depth_unit_m=unit)
 
-    def _read(self, entry: Entry, color: Path, depth: Path) -> Frame:
+    def _read(self, entry: FolderEntry, color: Path, depth: Path) -> Frame:
         camera = self.camera
         labels = _file_of(self.path / "labels", entry.name, (".png",)) if self.has_labels else None
         try:
@@ -123,7 +123,7 @@ def open_source(path: Path, config: SourceConfig) -> Source:
                 f"{path}: expected a folder {part}/ beside {CAMERA_FILE}; see docs/recordings.md"
             )
     names = _names(path / "rgb", COLOR_SUFFIXES) | _names(path / "depth", DEPTH_SUFFIXES)
-    entries = [Entry(name, i * PERIOD_NS, None) for i, name in enumerate(sorted(names))]
+    entries = [FolderEntry(name, i * PERIOD_NS, None) for i, name in enumerate(sorted(names))]
     if (path / POSES_FILE).is_file():
         entries = _read_poses(path / POSES_FILE)
         listed = {entry.name for entry in entries}
@@ -231,7 +231,7 @@ def _camera_yaml(frame: Frame) -> str:
     return yaml.safe_dump(tree, sort_keys=False, default_flow_style=None)
 
 
-def _read_camera(file: Path, depth_unit_m: float | None) -> Camera:
+def _read_camera(file: Path, depth_unit_m: float | None) -> FolderCamera:
     import yaml
 
     try:
@@ -254,11 +254,11 @@ def _read_camera(file: Path, depth_unit_m: float | None) -> Camera:
         raise InputError(f"{file}: expected the key {error}, which is missing") from error
     except (SwardmapError, TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{file}: {error}") from error
-    return Camera(intrinsics, unit, label_set, tags)
+    return FolderCamera(intrinsics, unit, label_set, tags)
 
 
-def _read_poses(file: Path) -> list[Entry]:
-    entries: dict[str, Entry] = {}
+def _read_poses(file: Path) -> list[FolderEntry]:
+    entries: dict[str, FolderEntry] = {}
     for number, line in enumerate(read_bytes(file, 2**30).decode("utf-8", "replace").splitlines(), 1):
         words = line.split("#")[0].split()
         if not words:
@@ -275,15 +275,15 @@ def _read_poses(file: Path) -> list[Entry]:
     return list(entries.values())
 
 
-def _entry(words: list[str]) -> Entry:
+def _entry(words: list[str]) -> FolderEntry:
     if len(words) not in (2, 9):
         raise InvalidValueError(f"expected 'name stamp_ns [tx ty tz qx qy qz qw]', got {len(words)} words")
     name, stamp_ns = words[0], int(words[1])
     inside(Path(), name)
     if len(words) == 2:
-        return Entry(name, stamp_ns, None)
+        return FolderEntry(name, stamp_ns, None)
     numbers = [float(word) for word in words[2:]]
-    return Entry(name, stamp_ns, Pose.from_quaternion("map", "camera", numbers[:3], numbers[3:]))
+    return FolderEntry(name, stamp_ns, Pose.from_quaternion("map", "camera", numbers[:3], numbers[3:]))
 
 
 def _names(folder: Path, suffixes: tuple[str, ...]) -> set[str]:

@@ -45,7 +45,7 @@ NS_PER_S, NS_PER_MS = 1_000_000_000, 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class Rig:
+class RellisSequence:
     """One sequence: its folder, its camera in full size, where the camera sits, and where the lidar was."""
 
     path: Path
@@ -107,9 +107,10 @@ def open_source(path: Path, config: SourceConfig) -> Source:
     poses = read_trajectory(_file(path, "poses.txt"))
     if poses.stamps_ns is not None:
         raise InputError(f"{path / 'poses.txt'}: expected the 12 numbers of a 3x4 matrix in each line")
-    rig = Rig(path, K, _mount(_file(path, "transforms.yaml")), tuple(_of_lidar(p) for p in poses.poses))
+    T_lidar_camera = _mount(_file(path, "transforms.yaml"))
+    sequence = RellisSequence(path, K, T_lidar_camera, tuple(_of_lidar(p) for p in poses.poses))
     chosen = images[config.start : config.stop : config.every]
-    return Source(path.resolve().name, len(chosen), GRASS_OBSTACLE_PERSON, partial(rig.frames, chosen))
+    return Source(path.resolve().name, len(chosen), GRASS_OBSTACLE_PERSON, partial(sequence.frames, chosen))
 
 
 def rendered(

@@ -46,7 +46,7 @@ MIN_AGREEMENT = 0.5
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class SequenceEntry:
     """One frame by name: its number, and its pose if its tracking was not lost."""
 
     name: str
@@ -60,7 +60,7 @@ class Sequence:
     """One sequence: its folder, its camera, and its frames."""
 
     path: Path
-    entries: tuple[Entry, ...]
+    entries: tuple[SequenceEntry, ...]
     camera: Intrinsics
     depth_unit_m: float
 
@@ -96,7 +96,7 @@ class Sequence:
             ) from error
         return level_pose(plane, parent="map", child="world")
 
-    def _read(self, entry: Entry, T_map_camera: Pose) -> Frame:
+    def _read(self, entry: SequenceEntry, T_map_camera: Pose) -> Frame:
         color = _color_file(self.path, entry.name)
         try:
             return Frame(
@@ -169,16 +169,16 @@ def parse_pose(content: bytes, name: str) -> Pose | None:
         raise InputError(f"{name}: {error}") from error
 
 
-def _read_entry(folder: Path, name: str, number: int) -> Entry:
+def _read_entry(folder: Path, name: str, number: int) -> SequenceEntry:
     for what, file in (
         ("no colour image", _color_file(folder, name)),
         ("no depth image", folder / f"{name}.depth.png"),
         ("no pose", folder / f"{name}.pose.txt"),
     ):
         if not file.is_file():
-            return Entry(name, number, None, what)
+            return SequenceEntry(name, number, None, what)
     pose = parse_pose(read_bytes(file, 2**16), str(file))
-    return Entry(name, number, pose, "" if pose else "tracking lost")
+    return SequenceEntry(name, number, pose, "" if pose else "tracking lost")
 
 
 def _read_depth(folder: Path, name: str) -> NDArray[np.uint16]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from swardmap.errors import InvalidValueError
 from swardmap.labels import OTHER, PERSON, LabelClass
-from swardmap.synth.model import Float64Array, Ground, Model, Thing
+from swardmap.synth.model import Float64Array, Model, Terrain, Thing
 from swardmap.synth.people.body import Assets
 from swardmap.synth.people.figure import figure_of
 from swardmap.synth.people.gait import gait_of, step_meshes
@@ -85,7 +85,7 @@ class Walker:
 
     models: tuple[Model, ...]
     path: Path
-    ground: Ground
+    ground: Terrain
     speed_mps: float
     stride_m: float
     start_m: float = 0.0
@@ -120,7 +120,7 @@ class Mover:
     model: Model
     kind: str
     path: Path
-    ground: Ground
+    ground: Terrain
     speed_mps: float
     start_m: float = 0.0
     bob_m: float = 0.015
@@ -134,7 +134,7 @@ class Mover:
         return Thing(self.model, self.kind, T, OTHER, self.pose)
 
 
-def _on_ground(path: Path, ground: Ground, distance_m: float, base_m: float = 0.0) -> Float64Array:
+def _on_ground(path: Path, ground: Terrain, distance_m: float, base_m: float = 0.0) -> Float64Array:
     """T_map_model on the ground, pitched so that points base_m apart, fore and aft, both touch it."""
     (x, y), yaw = path.at(distance_m), path.heading_rad(distance_m)
     fore = np.array([np.cos(yaw), np.sin(yaw)]) * base_m / 2
@@ -148,7 +148,7 @@ def _on_ground(path: Path, ground: Ground, distance_m: float, base_m: float = 0.
 
 
 def walker(
-    rng: np.random.Generator, assets: Assets, path: Path, ground: Ground, speed_mps: float | None = None,
+    rng: np.random.Generator, assets: Assets, path: Path, ground: Terrain, speed_mps: float | None = None,
     running: bool = False, group: str | None = None,
 ) -> Walker:  # fmt: skip
     """Somebody by chance who goes along a path.
@@ -175,7 +175,7 @@ def walker(
 
 
 def cyclist(
-    rng: np.random.Generator, assets: Assets, path: Path, ground: Ground, speed_mps: float | None = None
+    rng: np.random.Generator, assets: Assets, path: Path, ground: Terrain, speed_mps: float | None = None
 ) -> tuple[Walker, Walker]:
     """Somebody on a bicycle that goes along a path, and the bicycle.
 

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from swardmap.synth.model import Float32Array, Ground
+from swardmap.synth.model import Float32Array, Terrain
 from swardmap.synth.scene.lawn_look import STRAW
 
 TILE_M = 1.0
@@ -16,7 +16,7 @@ STRAW_SHARE = 0.9
 BLADE_TYPE = np.dtype([("root", "f4", 4), ("draw", "f4", 2), ("look", "u1", 4)])
 
 
-def tufts(ground: Ground, seed: int, tile: tuple[int, int]) -> NDArray[np.void]:
+def tufts(ground: Terrain, seed: int, tile: tuple[int, int]) -> NDArray[np.void]:
     """Tufts of one tile of the lawn, in random order, so that the first k are spread over all of it.
 
     Args:

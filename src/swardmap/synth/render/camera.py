@@ -12,7 +12,7 @@ NEAR_M, FAR_M = 0.03, 400.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Camera:
+class RenderCamera:
     """A camera at a place.
 
     Shaders work in `rel`: the axes of the map, the origin at the camera, so that float32 is exact to
@@ -29,7 +29,7 @@ class Camera:
     axes: Float64Array
 
     @classmethod
-    def of(cls, intrinsics: Intrinsics, T_map_camera: Pose) -> "Camera":
+    def of(cls, intrinsics: Intrinsics, T_map_camera: Pose) -> "RenderCamera":
         """From a pose of an optical frame."""
         return cls(intrinsics, T_map_camera.matrix[:3, 3], T_map_camera.matrix[:3, :3])
 
@@ -81,7 +81,7 @@ def moved_by(translation_m: Float64Array) -> Float64Array:
 
 
 def frame_block(
-    camera: Camera, light: Light, shadows: tuple[Float64Array, Float64Array], soft: tuple[float, float],
+    camera: RenderCamera, light: Light, shadows: tuple[Float64Array, Float64Array], soft: tuple[float, float],
     scale: int, phase: float,
 ) -> bytes:  # fmt: skip
     """Contents of the uniform block Frame.

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swardmap.synth.model import Ground
-from swardmap.synth.render.camera import Camera
+from swardmap.synth.model import Terrain
+from swardmap.synth.render.camera import RenderCamera
 from swardmap.synth.render.context import Context, Program, set_uniforms
 from swardmap.synth.render.detail import Details
 from swardmap.synth.render.textures import SRGB8_ALPHA8, srgba_of
@@ -23,7 +23,7 @@ NEAREST, LINEAR, MIPMAP = 0x2600, 0x2601, 0x2703
 def tile_grid(step: int) -> tuple[Int32Array, NDArray[np.uint32]]:
     """Vertices (x, y, skirt) and triangles of a tile; a skirt hangs from its border.
 
-    Squares are cut from (x + 1, y) to (x, y + 1), as `Ground.height_at` has it.
+    Squares are cut from (x + 1, y) to (x, y + 1), as `Terrain.height_at` has it.
     """
     n = TILE // step + 1
     y, x = np.mgrid[:n, :n]
@@ -77,7 +77,7 @@ class GroundPart:
         details: of its surfaces.
     """
 
-    def __init__(self, context: Context, ground: Ground, details: Details) -> None:
+    def __init__(self, context: Context, ground: Terrain, details: Details) -> None:
         self._context, self._ground = context, ground
         ny, nx = ground.height_m.shape
         self._size = (nx, ny)
@@ -102,7 +102,7 @@ class GroundPart:
         self._origin = context.buffer(np.zeros(2, np.int32).tobytes())
         self._arrays: dict[int, tuple[list[Any], Any]] = {}
 
-    def draw(self, program: Program, camera: Camera, units: dict[str, int]) -> None:
+    def draw(self, program: Program, camera: RenderCamera, units: dict[str, int]) -> None:
         """Draw what the camera sees of it.
 
         Args:
@@ -127,7 +127,7 @@ class GroundPart:
         set_uniforms(program, low=(-far, -far), high=(far, far))
         plain_array.render(instances=1)
 
-    def bind(self, program: Program, camera: Camera, units: dict[str, int]) -> None:
+    def bind(self, program: Program, camera: RenderCamera, units: dict[str, int]) -> None:
         """Give a program the rasters, and where the camera is on them."""
         rasters = {
             "height_map": self._height, "lawn_map": self._lawn, "surface_map": self._surface,

@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swardmap.synth.model import Float64Array, Ground
+from swardmap.synth.model import Float64Array, Terrain
 from swardmap.synth.render.blades import FULL_PER_M2, TILE_M, tufts
-from swardmap.synth.render.camera import Camera
+from swardmap.synth.render.camera import RenderCamera
 from swardmap.synth.render.context import Context, Program, layout_of, set_uniforms
 from swardmap.synth.scene.lawn_look import STRAW
 
@@ -38,7 +38,7 @@ def tuft(blades: int, bent: bool) -> tuple[NDArray[np.float32], NDArray[np.uint3
 class LawnPart:
     """The blades of one garden; tiles are made when the camera first comes near."""
 
-    def __init__(self, context: Context, ground: Ground, seed: int) -> None:
+    def __init__(self, context: Context, ground: Terrain, seed: int) -> None:
         self._context, self._ground, self._seed = context, ground, seed
         self._shapes = []
         for blades, bent in ((5, True), (5, False)):
@@ -47,7 +47,7 @@ class LawnPart:
         self._tiles: dict[tuple[int, int], tuple[Any, int, float]] = {}
         self._arrays: dict[tuple[int, int, int, int], Any] = {}
 
-    def draw(self, program: Program, camera: Camera) -> None:
+    def draw(self, program: Program, camera: RenderCamera) -> None:
         """Draw the blades that the camera sees."""
         set_uniforms(program, straw=STRAW)
         for tile, away in self._near(camera):
@@ -59,7 +59,7 @@ class LawnPart:
             set_uniforms(program, tile_rel=tuple(corner), full=float(count))
             self._array(program, tile, int(away > NEAR_M), buffer).render(instances=drawn)
 
-    def _near(self, camera: Camera) -> list[tuple[tuple[int, int], float]]:
+    def _near(self, camera: RenderCamera) -> list[tuple[tuple[int, int], float]]:
         """Tiles in view, each with the distance of its nearest point; near ones first."""
         first = np.floor((camera.position_m[:2] - GONE_M) / TILE_M).astype(int)
         n = int(np.ceil(2 * GONE_M / TILE_M)) + 1

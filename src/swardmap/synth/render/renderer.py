@@ -8,7 +8,7 @@ from swardmap.errors import InvalidValueError
 from swardmap.geometry import Intrinsics, Pose
 from swardmap.synth.assets import Assets
 from swardmap.synth.model import Float32Array, Garden, Light, View
-from swardmap.synth.render.camera import Camera, frame_block
+from swardmap.synth.render.camera import RenderCamera, frame_block
 from swardmap.synth.render.context import driver_of, open_context, program_of, set_uniforms
 from swardmap.synth.render.detail import details_of
 from swardmap.synth.render.ground import GroundPart
@@ -121,14 +121,14 @@ class GardenRenderer:
     def _begin(
         self, garden: Garden, light: Light, intrinsics: Intrinsics, T_map_camera: Pose, stamp_ns: int,
         scale: int = 0,
-    ) -> tuple[_Scene, Camera, list[Seen]]:  # fmt: skip
+    ) -> tuple[_Scene, RenderCamera, list[Seen]]:  # fmt: skip
         """Upload what is new, draw shadow maps, tell shaders of the frame; return what the camera may see."""
         if (intrinsics.width, intrinsics.height) != self._targets.size:
             w, h = self._targets.size
             raise InvalidValueError(
                 f"renderer: expected intrinsics of {w} x {h}, got {intrinsics.width} x {intrinsics.height}"
             )
-        scene, camera = self._scene_of(garden), Camera.of(intrinsics, T_map_camera)
+        scene, camera = self._scene_of(garden), RenderCamera.of(intrinsics, T_map_camera)
         moving = Placed.of([actor.at(stamp_ns) for actor in garden.actors], len(garden.things))
         if moving.things:  # drop the shapes of those who have moved on
             self._store.keep_only(t.model for t in (*garden.things, *(thing for _, thing in moving.things)))
@@ -150,7 +150,7 @@ class GardenRenderer:
             self._scene = _Scene(self._context, garden, self._assets, self._blades)
         return self._scene
 
-    def _draw(self, scene: _Scene, camera: Camera, seen: list[Seen], *outputs: str) -> None:
+    def _draw(self, scene: _Scene, camera: RenderCamera, seen: list[Seen], *outputs: str) -> None:
         """Draw everything; what is near first, since what it hides is not shaded."""
         c, targets = self._context, self._targets
         programs = self._programs_of(outputs)

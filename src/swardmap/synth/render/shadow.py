@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from swardmap.synth.model import Float64Array, Light, Thing
-from swardmap.synth.render.camera import Camera
+from swardmap.synth.render.camera import RenderCamera
 from swardmap.synth.render.context import Context, program_of
 from swardmap.synth.render.things import Placed, ThingStore
 
@@ -88,8 +88,8 @@ class Shadows:
         self._far.shown.use(far)
 
     def update(
-        self, key: object, light: Light, camera: Camera, lot_m: Float64Array, still: Placed, moving: Placed,
-        store: ThingStore,
+        self, key: object, light: Light, camera: RenderCamera, lot_m: Float64Array, still: Placed,
+        moving: Placed, store: ThingStore,
     ) -> None:  # fmt: skip
         """Draw what has changed.
 

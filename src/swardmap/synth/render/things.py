@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from swardmap.synth.model import Float64Array, Mesh, Model, Texture, Thing
-from swardmap.synth.render.camera import Camera, columns
+from swardmap.synth.render.camera import RenderCamera, columns
 from swardmap.synth.render.context import Context, Program, layout_of, set_uniforms
 from swardmap.synth.render.textures import upload
 
@@ -44,7 +44,7 @@ class Placed:
         centres = np.array([centre for centre, _ in spheres]).reshape(-1, 3)
         return cls(list(enumerate(things, first)), centres, np.array([radius for _, radius in spheres]))
 
-    def seen_by(self, camera: Camera) -> "list[Seen]":
+    def seen_by(self, camera: RenderCamera) -> "list[Seen]":
         """Those that may be in the picture, near ones first."""
         seen = np.flatnonzero(camera.sees(self.centres_m, self.radii_m))
         depth = (self.centres_m[seen] - camera.position_m) @ camera.axes[:, 2]
@@ -94,7 +94,7 @@ class ThingStore:
         pictures = {_key(mesh) for mesh in meshes.values()}
         self._textures = {key: pair for key, pair in self._textures.items() if key in pictures}
 
-    def draw(self, program: Program, things: Iterable[Seen], camera: Camera) -> None:
+    def draw(self, program: Program, things: Iterable[Seen], camera: RenderCamera) -> None:
         """Draw things as the camera sees them.
 
         Args:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from swardmap.synth.model import Float64Array, Ground, Model, Surface, Thing
+from swardmap.synth.model import Float64Array, Model, Surface, Terrain, Thing
 from swardmap.synth.scene.lot import Lot
 from swardmap.synth.scene.materials import leaves
 from swardmap.synth.scene.place import Footprint, Occupancy, footprint_of, upright
@@ -14,7 +14,7 @@ WAYS = (Surface.GRAVEL, Surface.PAVING, Surface.DIRT, Surface.CONCRETE, Surface.
 INSET_M = {"hedge": 0.45, "wall": 0.2}
 
 
-def buildings(lot: Lot, ground: Ground, taken: Occupancy, rng: np.random.Generator) -> list[Thing]:
+def buildings(lot: Lot, ground: Terrain, taken: Occupancy, rng: np.random.Generator) -> list[Thing]:
     """House and shed of the plan."""
     things = []
     for kind, box, build in (("house", lot.house, house), ("shed", lot.shed, shed)):
@@ -26,7 +26,7 @@ def buildings(lot: Lot, ground: Ground, taken: Occupancy, rng: np.random.Generat
     return things
 
 
-def edgings(lot: Lot, ground: Ground, taken: Occupancy, rng: np.random.Generator) -> list[Thing]:
+def edgings(lot: Lot, ground: Terrain, taken: Occupancy, rng: np.random.Generator) -> list[Thing]:
     """What stands on the outline of the lot, and lines within it; ways and buildings are left open."""
     things: list[Thing] = []
     for k, kind in enumerate(lot.edges):
@@ -43,7 +43,7 @@ def edgings(lot: Lot, ground: Ground, taken: Occupancy, rng: np.random.Generator
 
 def _line(
     kind: str, start: Float64Array,
-    end: Float64Array, ground: Ground, taken: Occupancy,
+    end: Float64Array, ground: Terrain, taken: Occupancy,
     rng: np.random.Generator,
 ) -> list[Thing]:  # fmt: skip
     """Equal pieces from start to end, where nothing is in the way."""
@@ -76,7 +76,7 @@ def _models(kind: str, piece_m: float, rng: np.random.Generator) -> list[Model]:
 
 
 def _piece_m(
-    ground: Ground, start: Float64Array,
+    ground: Terrain, start: Float64Array,
     end: Float64Array, length: float,
 ) -> float:  # fmt: skip
     """Longest piece, 0.5-2 m, whose ends differ by no more than a step on the steepest metre of the line."""
@@ -86,7 +86,7 @@ def _piece_m(
     return float(np.clip(MAX_STEP_M / max(steepest, 1e-3), 0.5, 2.0))
 
 
-def _on_a_way(ground: Ground, x: float, y: float) -> bool:
+def _on_a_way(ground: Terrain, x: float, y: float) -> bool:
     at = np.floor((np.array([x, y]) - ground.origin_m) / ground.texel_m).astype(int)
     j, i = np.clip(at[::-1], 0, np.array(ground.surface.shape) - 1)
     return bool(ground.lawn_m[j, i] < 0 and ground.surface[j, i] in WAYS)

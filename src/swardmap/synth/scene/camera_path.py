@@ -7,7 +7,7 @@ import numpy as np
 from swardmap.errors import InvalidValueError
 from swardmap.geometry import Intrinsics, Pose, mount_pose
 from swardmap.labels import PERSON
-from swardmap.synth.model import MAP_FRAME, Float64Array, Garden, Ground
+from swardmap.synth.model import MAP_FRAME, Float64Array, Garden, Terrain
 from swardmap.synth.scene.areas import inside_convex_m
 from swardmap.synth.scene.clearance import Clearance, clearance_of
 from swardmap.synth.scene.lanes import BORDER_M, THINGS_M, there_and_back, timed, to_and_fro, wander
@@ -27,7 +27,7 @@ People = tuple[Float64Array, list[Float64Array]]
 
 
 @dataclass(frozen=True, slots=True)
-class Rig:
+class MowerCamera:
     """A camera on a mower.
 
     Attributes:
@@ -58,7 +58,7 @@ class Rig:
             raise InvalidValueError(f"rig: expected vibrations of 0 or more, got {self}")
 
 
-def random_rig(seed: int, width: int = 640, height: int = 480) -> Rig:
+def random_rig(seed: int, width: int = 640, height: int = 480) -> MowerCamera:
     """A rig within what mowers have: 0.3-1.3 m high, 10-30 degrees down, a lens near that of a D435i.
 
     The lower the camera, the less it looks down: the middle of the upper edge sees the ground to 8 m or more.
@@ -70,7 +70,7 @@ def random_rig(seed: int, width: int = 640, height: int = 480) -> Rig:
     height_m = float(rng.uniform(0.3, 1.3))
     upper = np.degrees(np.arctan2(lens.cy + 0.5, lens.fy))
     steepest = min(30.0, float(upper + np.degrees(np.arctan(height_m / FAR_M))))
-    return Rig(
+    return MowerCamera(
         lens, height_m, float(10 + (steepest - 10) * rng.random() ** 1.6),
         float(np.clip(rng.normal(0, 1.3), -4, 4)),
         float(rng.uniform(-0.1, 0.35)), float(rng.uniform(-0.08, 0.08)),
@@ -79,7 +79,7 @@ def random_rig(seed: int, width: int = 640, height: int = 480) -> Rig:
 
 
 def mowing_run(
-    garden: Garden, seed: int, frames: int, rate_hz: float = 10.0, rig: Rig | None = None
+    garden: Garden, seed: int, frames: int, rate_hz: float = 10.0, rig: MowerCamera | None = None
 ) -> tuple[tuple[int, Pose], ...]:
     """Poses of the camera on a way over the lawn; the mower tilts with the ground.
 
@@ -216,7 +216,9 @@ def _looks_inward(garden: Garden, track: Float64Array) -> float:
     return float((inside_convex_m(garden.lot_m, x, y) > 0).mean())
 
 
-def _camera_pose(ground: Ground, rig: Rig, x: float, y: float, yaw: float, shake: Float64Array) -> Pose:
+def _camera_pose(
+    ground: Terrain, rig: MowerCamera, x: float, y: float, yaw: float, shake: Float64Array
+) -> Pose:
     """T_map_camera of a mower whose wheels stand on the ground at x, y."""
     base = Pose(MAP_FRAME, "base", _on_wheels(ground, x, y, yaw))
     dz, roll, pitch = shake * [rig.vibration_m, rig.vibration_deg, rig.vibration_deg]
@@ -226,7 +228,7 @@ def _camera_pose(ground: Ground, rig: Rig, x: float, y: float, yaw: float, shake
     return base @ mount
 
 
-def _on_wheels(ground: Ground, x: float, y: float, yaw: float) -> Float64Array:
+def _on_wheels(ground: Terrain, x: float, y: float, yaw: float) -> Float64Array:
     """T_map_base: on the plane that fits the ground under the four wheels best, heading along yaw."""
     a, b = WHEELS_M
     wheels = np.array([(a, b), (a, -b), (-a, b), (-a, -b)])

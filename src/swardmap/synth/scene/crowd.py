@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from swardmap.labels import PERSON
 from swardmap.synth.assets import Assets
-from swardmap.synth.model import Actor, Float64Array, Ground, Model, Thing
+from swardmap.synth.model import Actor, Float64Array, Model, Terrain, Thing
 from swardmap.synth.people.path import Mover, Path, cyclist, walker
 from swardmap.synth.scene.areas import curve
 from swardmap.synth.scene.figures import Stroller, figure, somebody
@@ -25,7 +25,7 @@ UPRIGHT = ("standing", "walking", "waving", "pointing", "carrying", "pushing", "
 
 
 def people(
-    things: list[Thing], sites: Sites, ground: Ground, taken: Occupancy, assets: Assets | None,
+    things: list[Thing], sites: Sites, ground: Terrain, taken: Occupancy, assets: Assets | None,
     rng: np.random.Generator,
 ) -> list[Thing]:  # fmt: skip
     """0-6 people who keep their place: on the lawn, lying, sitting, and half behind things.
@@ -60,7 +60,7 @@ def people(
 
 
 def moving(
-    sites: Sites, ground: Ground, taken: Occupancy, assets: Assets | None, rng: np.random.Generator
+    sites: Sites, ground: Terrain, taken: Occupancy, assets: Assets | None, rng: np.random.Generator
 ) -> list[Actor]:
     """0-2 people, at times somebody on a bicycle and an animal, going round on the lawn, clear of things."""
     actors: list[Actor] = []
@@ -86,7 +86,7 @@ def moving(
 
 
 def round_way(
-    sites: Sites, ground: Ground, taken: Occupancy, rng: np.random.Generator,
+    sites: Sites, ground: Terrain, taken: Occupancy, rng: np.random.Generator,
     radius_m: tuple[float, float] = (0.8, 3.0), longest: float = 1.7, tries: int = 100,
 ) -> Float64Array | None:  # fmt: skip
     """A closed smooth way on the lawn with room on both sides, nowhere steep; None where there is none.
@@ -131,7 +131,7 @@ def on_lawn(sites: Sites, xy: XY, room_m: float) -> bool:
     return bool(close and sites.edge_m[k] > room_m and sites.lawn_m[k] > room_m)
 
 
-def _steepest(ground: Ground, way: Float64Array) -> float:
+def _steepest(ground: Terrain, way: Float64Array) -> float:
     """Steepest slope along and across a closed way, over half a metre."""
     reach = 0.25 * np.array([(1, 0), (0, 1)])
     rise = [ground.height_at(way + d) - ground.height_at(way - d) for d in reach]

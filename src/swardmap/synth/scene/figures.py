@@ -6,7 +6,7 @@ import numpy as np
 
 from swardmap.labels import PERSON
 from swardmap.synth.assets import Assets
-from swardmap.synth.model import Ground, Material, Model, Thing
+from swardmap.synth.model import Material, Model, Terrain, Thing
 from swardmap.synth.people.figure import person
 from swardmap.synth.people.path import Path, beside_bicycle
 from swardmap.synth.people.poses import POSES
@@ -35,7 +35,7 @@ class Stroller:
 
     model: Model
     path: Path
-    ground: Ground
+    ground: Terrain
     speed_mps: float
 
     def at(self, stamp_ns: int) -> Thing:

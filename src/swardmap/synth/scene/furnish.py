@@ -5,11 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from swardmap.synth.assets import Assets
-from swardmap.synth.model import Ground, Model, Thing
+from swardmap.synth.model import Model, Terrain, Thing
 from swardmap.synth.scene.materials import leaves
 from swardmap.synth.scene.place import Footprint, Occupancy, footprint_of, sunk_m, tilted, upright
 from swardmap.synth.scene.plants import ground_cover
-from swardmap.synth.scene.recipes import Recipe
+from swardmap.synth.scene.recipes import ThingKind
 from swardmap.synth.scene.sites import Sites, jittered
 
 TRIES = 14
@@ -21,9 +21,9 @@ UNFIT = ("broom",)  # stands on its bristles
 
 
 def furnished(
-    recipes: Sequence[Recipe],
+    recipes: Sequence[ThingKind],
     sites: Sites,
-    ground: Ground,
+    ground: Terrain,
     taken: Occupancy,
     assets: Assets | None,
     seed: int,
@@ -54,7 +54,7 @@ def furnished(
     return things
 
 
-def covered(sites: Sites, ground: Ground, taken: Occupancy, seed: int) -> list[Thing]:
+def covered(sites: Sites, ground: Terrain, taken: Occupancy, seed: int) -> list[Thing]:
     """Low plants all over the ground cover."""
     rng = np.random.default_rng([seed, 35])
     where, foliage = sites.of("cover", 0.0), leaves(rng, 0.1)
@@ -69,7 +69,7 @@ def covered(sites: Sites, ground: Ground, taken: Occupancy, seed: int) -> list[T
 
 
 def _placed(
-    recipe: Recipe, model: Model, sites: Sites, ground: Ground, taken: Occupancy, rng: np.random.Generator
+    recipe: ThingKind, model: Model, sites: Sites, ground: Terrain, taken: Occupancy, rng: np.random.Generator
 ) -> Thing | None:
     """The thing at the first site with room, or None."""
     scale = float(rng.uniform(*recipe.scale))
@@ -89,7 +89,7 @@ def _placed(
     return None
 
 
-def _tint(recipe: Recipe, rng: np.random.Generator) -> tuple[float, float, float]:
+def _tint(recipe: ThingKind, rng: np.random.Generator) -> tuple[float, float, float]:
     """Plants of one model differ a little in colour."""
     if recipe.variants < 2 or recipe.label.name == "grass":
         return 1.0, 1.0, 1.0
@@ -97,7 +97,7 @@ def _tint(recipe: Recipe, rng: np.random.Generator) -> tuple[float, float, float
     return float(shade * (1 + warm)), float(shade), float(shade * (1 - warm))
 
 
-def _model(recipe: Recipe, assets: Assets | None, rng: np.random.Generator) -> Model | None:
+def _model(recipe: ThingKind, assets: Assets | None, rng: np.random.Generator) -> Model | None:
     """From the bundle where it has the kind, else drawn; the share from the bundle grows with what it has."""
     names: list[str] = []
     if assets is not None:

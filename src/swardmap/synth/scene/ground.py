@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from swardmap.synth.model import Float32Array, Float64Array, Ground, Surface
+from swardmap.synth.model import Float32Array, Float64Array, Surface, Terrain
 from swardmap.synth.scene.areas import Area, Strip, inside_convex_m
 from swardmap.synth.scene.lawn_look import LawnLook
 from swardmap.synth.scene.lot import Lot
@@ -20,7 +20,7 @@ MARGIN_M = 4.0
 BARE_LEVEL = 1.9  # of a field of mean 0 and deviation 1 above which a bare lawn shows its soil
 
 
-def build_ground(lot: Lot, look: LawnLook, seed: int) -> Ground:
+def build_ground(lot: Lot, look: LawnLook, seed: int) -> Terrain:
     """Rasters of the lot and a margin around it.
 
     Args:
@@ -45,7 +45,7 @@ def build_ground(lot: Lot, look: LawnLook, seed: int) -> Ground:
     grass = lawn > -texel  # a texel more, so that the border is not darkened by its neighbour
     albedo[grass] = paint.albedo[grass]
     blank = np.where(lawn > -1.5 * texel, np.float32(1), np.float32(0))
-    return Ground(
+    return Terrain(
         origin, texel, height, lawn, surface, np.clip(albedo, 0.004, 0.9),
         paint.blade_height_m * blank, paint.blade_density * blank, paint.dryness,
     )  # fmt: skip

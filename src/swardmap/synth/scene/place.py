@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from swardmap.synth.model import Float64Array, Ground, Model
+from swardmap.synth.model import Float64Array, Model, Terrain
 from swardmap.synth.shapes import placed
 
 XY = tuple[float, float]
@@ -79,7 +79,7 @@ def footprint_of(
 
 
 def upright(
-    ground: Ground, model: Model, xy: XY, yaw_rad: float, scale: float = 1.0, sink_m: float = 0.01
+    ground: Terrain, model: Model, xy: XY, yaw_rad: float, scale: float = 1.0, sink_m: float = 0.01
 ) -> Float64Array:
     """T_map_model of something that stays vertical: its base touches the lowest ground below it.
 
@@ -98,7 +98,7 @@ def upright(
     return placed(*xy, z, yaw_rad, scale)
 
 
-def tilted(ground: Ground, model: Model, xy: XY, yaw_rad: float, scale: float = 1.0) -> Float64Array:
+def tilted(ground: Terrain, model: Model, xy: XY, yaw_rad: float, scale: float = 1.0) -> Float64Array:
     """T_map_model of something that leans with the ground: its lowest points lie on it or just in it."""
     base = _base(model) * scale
     c, s = np.cos(yaw_rad), np.sin(yaw_rad)
@@ -118,7 +118,7 @@ def tilted(ground: Ground, model: Model, xy: XY, yaw_rad: float, scale: float = 
     return T
 
 
-def sunk_m(ground: Ground, model: Model, T_map_model: Float64Array) -> float:
+def sunk_m(ground: Terrain, model: Model, T_map_model: Float64Array) -> float:
     """How far the deepest of a model's lowest points lies below the ground; negative = they all hover."""
     base = _base(model) @ T_map_model[:3, :3].T + T_map_model[:3, 3]
     return float((ground.height_at(base[:, :2]) - base[:, 2]).max())

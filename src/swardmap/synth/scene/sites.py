@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from swardmap.synth.model import Float64Array, Ground, Surface
+from swardmap.synth.model import Float64Array, Surface, Terrain
 from swardmap.synth.scene.areas import inside_convex_m
 from swardmap.synth.scene.lot import Lot
 from swardmap.synth.scene.place import XY
@@ -54,7 +54,7 @@ class Sites:
         return np.flatnonzero(chosen & (self.edge_m > min(room_m, 1.0) + 0.25))
 
 
-def sites_of(lot: Lot, ground: Ground) -> Sites:
+def sites_of(lot: Lot, ground: Terrain) -> Sites:
     """The points of a lot, none in ponds."""
     every = max(1, round(STEP_M / ground.texel_m))
     j, i = np.mgrid[0 : ground.lawn_m.shape[0] : every, 0 : ground.lawn_m.shape[1] : every]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swardmap.errors import InvalidValueError
-from swardmap.synth.config import CameraConfig
+from swardmap.synth.config import OpticsConfig
 
 Float32Array = NDArray[np.float32]
 
@@ -61,7 +61,7 @@ class CameraFaults:
     jpeg_quality: int = 0
 
 
-def draw_faults(config: CameraConfig, rng: np.random.Generator) -> CameraFaults:
+def draw_faults(config: OpticsConfig, rng: np.random.Generator) -> CameraFaults:
     """One camera of the many that the settings allow; the errors of exposure and colour are mostly small."""
     warm, tint = _mostly_small(config.white_balance, rng), _mostly_small(config.tint, rng)
     evenly = {
