@@ -140,6 +140,19 @@ def test_the_window_follows_the_camera_and_forgets_what_it_left() -> None:
     )  # nothing is left of the first visit but what is seen now
 
 
+def test_a_copy_stays_as_it_is_while_the_map_goes_on() -> None:
+    points = np.full((8, 8, 4), 9, np.uint32)
+    living = LogOddsMap(GridConfig(resolution_m=R))
+    living.integrate(seen(points, 0, 0))
+    kept, before = living.copy(), {key: tile.evidence.copy() for key, tile in living.tiles.items()}
+    living.integrate(seen(points, 4, 4))
+    living.integrate(seen(points, 200, 0))
+    assert set(kept.tiles) == set(before) < set(living.tiles)
+    for key, evidence in before.items():
+        np.testing.assert_array_equal(kept.tiles[key].evidence, evidence)
+        assert not np.array_equal(living.tiles[key].evidence, evidence)
+
+
 def test_what_lies_on_another_lattice_is_refused() -> None:
     living = LogOddsMap(GridConfig(resolution_m=R))
     with pytest.raises(InvalidValueError, match="whole cells apart"):

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from swardmap.geometry import Pose
 from swardmap.io.bags.ros_fields import odometry_fields
 from swardmap.io.bags.topics import ImageTopic
 from swardmap.io.maps.log_odds_files import write_living
+from swardmap.io.maps.map_files import read_map
 from swardmap.labels import MapClass
 from swardmap.mapping.costmap import LETHAL
 from swardmap.models import build_segmenter
@@ -457,3 +459,30 @@ def test_a_saved_map_has_a_page(tmp_path: Path) -> None:
     page = (tmp_path / "saved/report.html").read_text(encoding="utf-8")
     assert 'id="map-svg"' in page
     assert 'data-layer="grass"' in page
+
+
+def test_while_the_page_of_a_saved_map_is_built_frames_are_mapped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And what is saved is the map as it was when it was asked for."""
+    robot = one_robot({"grid": {"mode": "evidence"}})
+    robot.run([0.05 * i for i in range(10)])
+    mapper, before = robot.pipeline.mapper, snapshot(robot.pipeline)
+    assert mapper._mapper.log_odds is not None
+    write_living(mapper._mapper.log_odds, tmp_path / "before.npz")
+
+    def page(*_: object) -> str:
+        with ThreadPoolExecutor(1) as pool:
+            pool.submit(robot.run, [0.5 + 0.05 * i for i in range(10)], start=10).result(timeout=30)
+        return "built"
+
+    monkeypatch.setattr("swardmap.viz.map_page.map_page", page)
+    mapper.save(tmp_path / "saved")
+    assert mapper.mapped.total() == 20
+    assert (tmp_path / "saved/report.html").read_text(encoding="utf-8") == "built"
+    np.testing.assert_array_equal(read_map(tmp_path / "saved/map.yaml").classes, before.classes)
+    told = json.loads((tmp_path / "saved/summary.json").read_text(encoding="utf-8"))
+    assert told["frames"] == {"camera": 10}
+    with np.load(tmp_path / "before.npz") as old, np.load(tmp_path / "saved/living.npz") as saved:
+        for name in ("keys", "evidence", "person", "classes"):
+            np.testing.assert_array_equal(saved[name], old[name])

@@ -1,6 +1,7 @@
 """A map of log-odds: the evidence of every frame in tiles of one lattice, for a window or a whole field."""
 
 from collections.abc import Mapping
+from copy import copy
 
 import numpy as np
 
@@ -102,6 +103,12 @@ class LogOddsMap:
             if key in self._tiles:
                 classes[here] = self._tiles[key].classes[there]
         return OccupancyGrid(spec, classes, self._stamp_ns)
+
+    def copy(self) -> "LogOddsMap":
+        """The same map with arrays of its own: it stays as it is while this one goes on."""
+        twin = copy(self)
+        twin._tiles = {key: tile.copy() for key, tile in self._tiles.items()}
+        return twin
 
     def restore(self, tiles: Mapping[TileKey, Cells], stamp_ns: int) -> None:
         """Replace all that is known by tiles of a saved map on the same lattice.

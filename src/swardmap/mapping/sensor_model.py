@@ -42,6 +42,10 @@ class Cells:
         """A view of a part."""
         return Cells(self.evidence[where], self.person[where], self.classes[where])
 
+    def copy(self) -> "Cells":
+        """The same state in arrays of its own."""
+        return Cells(self.evidence.copy(), self.person.copy(), self.classes.copy())
+
     @property
     def nbytes(self) -> int:
         """Memory of the arrays."""

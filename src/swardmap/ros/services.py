@@ -1,6 +1,7 @@
 """The node's services: clear, save, pause, grant_start_area."""
 
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -8,6 +9,9 @@ from typing import Any
 
 from swardmap.errors import SwardmapError
 from swardmap.ros.live_pipeline import LivePipeline
+
+TURN_S = 0.01
+"""A callback that waits for a thread waits so long at once."""
 
 
 def serve(node: Any, pipeline: LivePipeline) -> list[Callable[[], object]]:
@@ -46,15 +50,38 @@ def _grant(node: Any, pipeline: LivePipeline, _: Any, response: Any) -> Any:
     return response
 
 
-def _save(pipeline: LivePipeline, _: Any, response: Any) -> Any:
+async def _save(pipeline: LivePipeline, _: Any, response: Any) -> Any:
     folder = Path(pipeline.parameters.node.save_folder) / datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%f")
-    try:
-        pipeline.mapper.save(folder)
-    except SwardmapError as error:
-        response.success, response.message = False, str(error)
-    else:
-        response.success, response.message = True, str(folder.absolute())
+    writer = _Writer(pipeline, folder)
+    writer.start()
+    while writer.is_alive():  # the stop flag is published meanwhile, or the robot would stand
+        writer.join(TURN_S)
+        await _OthersTurn()
+    response.success, response.message = not writer.error, writer.error or str(folder.absolute())
     return response
+
+
+class _Writer(threading.Thread):
+    """Saves the map; `error` says afterwards what went wrong."""
+
+    def __init__(self, pipeline: LivePipeline, folder: Path) -> None:
+        super().__init__(daemon=True)
+        self.error = "the map could not be saved"
+        self._save = partial(pipeline.mapper.save, folder)
+
+    def run(self) -> None:
+        try:
+            self._save()
+            self.error = ""
+        except SwardmapError as error:
+            self.error = str(error)
+
+
+class _OthersTurn:
+    """Awaited in a callback, it lets the executor call all others that are ready before it goes on."""
+
+    def __await__(self) -> Iterator[None]:
+        yield
 
 
 def _pause(pipeline: LivePipeline, request: Any, response: Any) -> Any:

@@ -7,6 +7,7 @@ or hangs: the lock is held for the update of the map only.
 import threading
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
 
@@ -145,15 +146,7 @@ class WatchedMapper:
         cleared is all unknown where it was: who has been given the old one must not go on by it.
         """
         with self._map_lock:
-            grid = self._alone if self._alone is not None else self._mapper.map
-            if grid is None:
-                return None if self._cleared is None else OccupancyGrid.unknown(self._cleared)
-            if self._alone is not None:
-                stale = forget_before_ns is not None and grid.stamp_ns < forget_before_ns
-                return OccupancyGrid.unknown(grid.spec) if stale else grid
-            if self._last_observed is None:
-                return grid
-            return self._last_observed.forget_stale(grid, forget_before_ns)
+            return self._snapshot(forget_before_ns)
 
     def costmap(self, grid: OccupancyGrid) -> Costmap | None:
         """Costs of a snapshot."""
@@ -186,6 +179,8 @@ class WatchedMapper:
     def save(self, folder: Path) -> None:
         """Write map, costmap, evidence and settings as `swardmap map` does into a new folder.
 
+        Frames are mapped meanwhile: what is written is a copy of the map as it is now.
+
         Raises:
             InputError: if there is no map yet.
             OutputError: if it cannot be written.
@@ -193,13 +188,30 @@ class WatchedMapper:
         from swardmap.io.folders import new_output_folder
         from swardmap.runs.files import RunWriter
 
-        grid = self.snapshot(None)
-        if grid is None or not self._newest_ns:
-            raise InputError("there is no map yet: no frame with a pose was mapped")
-        summary = {"frames": dict(self.mapped), "left_out": dict(self.left_out), "stamp_ns": grid.stamp_ns}
-        plain = replace(self.config, output=replace(self.config.output, pictures=0))
-        with new_output_folder(folder, overwrite=False) as path, self._map_lock:
-            RunWriter(path, plain).finish(grid, self.costmap(grid), summary, self._mapper.log_odds)
+        with self._map_lock:
+            grid, mapper = self._snapshot(None), copy(self._mapper)  # settings may change
+            if grid is None or not self._newest_ns:
+                raise InputError("there is no map yet: no frame with a pose was mapped")
+            log_odds = None if mapper.log_odds is None else mapper.log_odds.copy()
+            summary = {
+                "frames": dict(self.mapped),
+                "left_out": dict(self.left_out),
+                "stamp_ns": grid.stamp_ns,
+            }
+            config = replace(self.config, output=replace(self.config.output, pictures=0))
+        with new_output_folder(folder, overwrite=False) as path:
+            RunWriter(path, config).finish(grid, mapper.costmap(grid), summary, log_odds)
+
+    def _snapshot(self, forget_before_ns: int | None) -> OccupancyGrid | None:
+        grid = self._alone if self._alone is not None else self._mapper.map
+        if grid is None:
+            return None if self._cleared is None else OccupancyGrid.unknown(self._cleared)
+        if self._alone is not None:
+            stale = forget_before_ns is not None and grid.stamp_ns < forget_before_ns
+            return OccupancyGrid.unknown(grid.spec) if stale else grid
+        if self._last_observed is None:
+            return grid
+        return self._last_observed.forget_stale(grid, forget_before_ns)
 
     def _begin(self, log_odds: LogOddsMap | None = None) -> None:
         self._version += 1
