@@ -53,7 +53,7 @@ class Robot:
         self.reports: list[HealthReport] = []
 
     def pose(self, x_m: float, stamp_ns: int) -> None:
-        self.pipeline.on_odometry(drive.odometry(x_m, stamp_ns), self.now_ns)
+        self.pipeline.intake.on_odometry(drive.odometry(x_m, stamp_ns), self.now_ns)
 
     def look(self, name: str, frame: Frame, stamp_ns: int) -> None:
         """One pair of images with their CameraInfo."""
@@ -61,12 +61,12 @@ class Robot:
             which, what = topic.split("/")
             message = drive.message(kind, fields)
             if what == "camera_info":
-                self.pipeline.on_info(name, which, message)
+                self.pipeline.intake.on_info(name, which, message)
             else:
-                self.pipeline.on_image(name, which, message, self.now_ns)
+                self.pipeline.intake.on_image(name, which, message, self.now_ns)
 
     def work(self) -> None:
-        while (mapped := self.pipeline.process(0)) is not None or len(self.pipeline.queue):
+        while (mapped := self.pipeline.process(0)) is not None or len(self.pipeline.intake.queue):
             if mapped is not None:
                 self.pipeline.mapped(mapped.pair, self.now_ns)
                 self.frames.append(mapped.step.frame)
@@ -79,7 +79,7 @@ class Robot:
         if posed:
             self.pose(x_m, stamp_ns)
         for name in self.rig.names:
-            key = name if name in self.pipeline.inputs else "camera"
+            key = name if name in self.pipeline.intake.inputs else "camera"
             self.look(key, drive.view(self.rig, name, x_m, i % 20), stamp_ns + skew_ns)
         self.work()
         return self.reports[-1]
@@ -146,10 +146,10 @@ def test_poses_by_tf_give_the_map_that_odometry_gives() -> None:
     by_tf = Robot(pipeline_of(parameters({"source": {}}), rig), rig)
     mount = rig.T_base_camera("camera")
     static = [Pose(drive.BASE, drive.optical("camera"), mount.matrix)]
-    by_tf.pipeline.on_tf(drive.transforms(static, 0), True, START_NS)
+    by_tf.pipeline.intake.on_tf(drive.transforms(static, 0), True, START_NS)
     for i, x_m in enumerate([0.0, 0.1, 0.2]):
         by_tf.now_ns = START_NS + i * PERIOD_NS + LATENCY_NS
-        by_tf.pipeline.on_tf(
+        by_tf.pipeline.intake.on_tf(
             drive.transforms([drive.base_at(x_m)], START_NS + i * PERIOD_NS), False, by_tf.now_ns
         )
         by_tf.step(i, x_m, posed=False)
@@ -161,10 +161,10 @@ def test_a_mount_is_measured_from_the_robots_base_wherever_the_odometry_sits() -
     """The antenna of the odometry is 0.4 m ahead of the base; tf says so."""
     robot = one_robot()
     T_base_antenna = Pose(drive.BASE, "antenna", np.eye(4) + 0.4 * np.eye(4, k=3))
-    robot.pipeline.on_tf(drive.transforms([T_base_antenna.inverse()], 0), True, START_NS)
+    robot.pipeline.intake.on_tf(drive.transforms([T_base_antenna.inverse()], 0), True, START_NS)
     robot.now_ns = START_NS + LATENCY_NS
     antenna = drive.message(ODOMETRY, odometry_fields(drive.base_at(1.0) @ T_base_antenna, START_NS))
-    robot.pipeline.on_odometry(antenna, robot.now_ns)
+    robot.pipeline.intake.on_odometry(antenna, robot.now_ns)
     robot.look("camera", drive.view(robot.rig, "camera", 1.0), START_NS)
     robot.work()
     pose = robot.frames[0].T_map_camera
@@ -178,7 +178,7 @@ def test_the_frames_that_do_not_meet_are_named() -> None:
     robot = Robot(pipeline_of(parameters({"source": {}}), rig), rig)
     T = Pose("odom", drive.BASE, np.eye(4))
     for i in range(6):  # odom alone: what is above it may yet come, so it is not taken for the map
-        robot.pipeline.on_tf(drive.transforms([T], START_NS + i * PERIOD_NS), False, robot.now_ns)
+        robot.pipeline.intake.on_tf(drive.transforms([T], START_NS + i * PERIOD_NS), False, robot.now_ns)
         robot.step(i, 0.1 * i, posed=False)
     assert robot.frames == []
     error = robot.pipeline.facts["error"]
@@ -222,12 +222,12 @@ def test_only_the_cameras_that_face_the_way_are_decoded() -> None:
         robot.now_ns = stamp_ns + LATENCY_NS
         robot.pose(x_m, stamp_ns)
         for name in rig.names:
-            if name in robot.pipeline.active_names:
+            if name in robot.pipeline.intake.active_names:
                 robot.look(name, drive.view(rig, name, x_m, i), stamp_ns)
                 continue
             for kind, topic in (("color", "color/image_raw"), ("depth", "depth/image_raw")):
                 type_, fields = drive.camera_fields(drive.view(rig, name, x_m), name, stamp_ns)[topic]
-                robot.pipeline.on_image(name, kind, Sealed(drive.message(type_, fields)), robot.now_ns)
+                robot.pipeline.intake.on_image(name, kind, Sealed(drive.message(type_, fields)), robot.now_ns)
         robot.work()
     facts = robot.pipeline.facts
     assert facts["direction"] == "backward"
@@ -270,7 +270,7 @@ def test_a_robot_that_travels_where_no_camera_looks_says_so() -> None:
     (diagnosis,) = robot.reports[-1].of("rig")
     assert (diagnosis.fault, diagnosis.severity) == (Fault.BLIND, Severity.WARN)
     assert "backward" in diagnosis.message
-    assert set(robot.pipeline.active_names) == set(rig.names)  # better these than none
+    assert set(robot.pipeline.intake.active_names) == set(rig.names)  # better these than none
 
 
 def recovered(robot: Robot, start: int, steps: int = 30) -> HealthReport:
@@ -311,12 +311,12 @@ def test_stamps_that_jump_are_named_whether_there_are_poses_for_them_or_not(
 def test_while_paused_the_flag_is_stop_and_no_camera_is_blamed() -> None:
     robot = one_robot()
     assert not recovered(robot, 0).stop
-    robot.pipeline.paused = True
+    robot.pipeline.intake.paused = True
     assert robot.step(30, 1.5).stop  # at once
     report = robot.run([1.5] * 30, start=31)
     assert {(d.subject, d.fault) for d in report.diagnoses} == {("map", Fault.IDLE)}
     assert free_cells(robot.pipeline) == 0
-    robot.pipeline.paused = False
+    robot.pipeline.intake.paused = False
     assert robot.run([1.5 + 0.05 * i for i in range(5)], start=61).stop  # it takes recover_s to trust again
     assert not robot.run([1.7 + 0.05 * i for i in range(30)], start=66).stop
 
@@ -383,7 +383,7 @@ def test_a_work_area_in_another_frame_is_never_mapped(tmp_path: Path) -> None:
     area = {"file": str(lawn_file(tmp_path, ring)), "datum_lat": 52.4, "datum_lon": 16.9, "frame_id": "odom"}
     robot = one_robot({"area": area})
     report = robot.run([0.1 * i for i in range(15)])
-    assert "area.frame_id" in robot.pipeline.last_error
+    assert "area.frame_id" in robot.pipeline.intake.last_error
     assert report.stop
     assert robot.pipeline.mapper.mapped.total() == 0
 

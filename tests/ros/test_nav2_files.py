@@ -15,7 +15,7 @@ from swardmap.io.bags.ros_fields import POINT
 from swardmap.io.files import write_text
 from swardmap.io.maps.margin_file import Margin, margin_text
 from swardmap.labels import GRASS_OBSTACLE_PERSON
-from swardmap.ros.live_pipeline import ONLY_CAMERA
+from swardmap.ros.intake import ONLY_CAMERA
 from swardmap.ros.map_outputs import OF_MAP
 from swardmap.ros.nav2_files import NAMES, nav2_files, write_nav2_files
 from swardmap.ros.parameters import Parameters, declarations, parameters_from

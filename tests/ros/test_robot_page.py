@@ -6,7 +6,7 @@ import re
 import pytest
 
 from swardmap.monitor.diagnostics import WARNINGS, Fault
-from swardmap.ros import inputs, live_pipeline, watched_mapper
+from swardmap.ros import inputs, intake, watched_mapper
 from swardmap.ros.gate import GateConfig
 from swardmap.ros.map_outputs import OF_MAP
 from swardmap.ros.outputs import OF_CAMERA, OF_NODE
@@ -71,7 +71,7 @@ def test_every_fault_is_described_with_its_severity(fault: Fault) -> None:
 def test_the_reasons_that_are_explained_are_given() -> None:
     given = {
         value
-        for module in (inputs, live_pipeline, watched_mapper)
+        for module in (inputs, intake, watched_mapper)
         for name, value in vars(module).items()
         if name.startswith("REASON_")
     } | {f"{fault}" for fault in Fault}

@@ -1,71 +1,37 @@
-"""What a configured node holds: cameras, poses, queue and map; told of messages and time, ROS is not needed.
+"""What a configured node holds: what comes in, the map, and what is given out; ROS is not needed.
 
-`on_*` and `check` are for the thread of the callbacks, `process` for the worker.
+`intake` and `check` are for the thread of the callbacks, `process` for the worker.
 """
 
 from collections import Counter, deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
-
-import numpy as np
 
 from swardmap.config import Config
 from swardmap.errors import InputError, SwardmapError
 from swardmap.geometry import Pose
 from swardmap.grid import OccupancyGrid
-from swardmap.io.bags.ros_messages import pose_from_odometry, stamp_ns
 from swardmap.io.bags.tf_edge import ALWAYS_NS
-from swardmap.io.sources.pairing import COLOR
 from swardmap.mapping.costmap import Layer, check_frames
 from swardmap.mapping.log_odds_map import LogOddsMap
 from swardmap.monitor.change_log import ChangeLog
 from swardmap.monitor.diagnostics import Diagnosis, Fault, HealthReport, Severity
 from swardmap.pipeline import StepResult
-from swardmap.rig.active_cameras import ActiveCameras
 from swardmap.rig.rig import Rig
-from swardmap.ros.camera_poses import CameraPoses
-from swardmap.ros.frame_queue import FrameQueue
 from swardmap.ros.given_map import GivenMap
-from swardmap.ros.inputs import CameraInput, CameraPair, camera_topics
+from swardmap.ros.inputs import CameraPair
+from swardmap.ros.intake import Intake
 from swardmap.ros.load import Load
 from swardmap.ros.parameters import Parameters
 from swardmap.ros.watched_mapper import WatchedMapper
 from swardmap.segmenter import Segmenter
-
-ONLY_CAMERA = "camera"
-"""Name of the camera where there is no rig."""
-
-WAITING_PAIRS = 30
-"""Images that wait for their pose at most."""
-
-CLOCK_BACK_NS = 1_000_000_000
-"""A camera whose stamps go back further has a new clock: a recording begins anew, a simulation was reset."""
 
 EVENTS = 100
 """Lines for the log that wait for it at most."""
 
 MAP, RIG = "map", "rig"
 """Subjects of what the pipeline itself finds wrong."""
-
-REASON_POSE = "no pose of the camera at the time of the image"
-REASON_VIEW = "no transform between colour and depth camera"
-REASON_DAMAGED = "image that cannot be used"
-REASON_WAITING = "image that waited for its pose when too many did"
-REASON_QUEUE = "frame dropped by a full queue, the oldest first"
-REASON_TURNED = "image that waited for its pose when the robot turned round"
-REASON_PAUSED = "image while the node was paused"
-
-
-@dataclass(frozen=True, slots=True)
-class Job:
-    """Images for the worker; those whose pose never came are looked at, and not mapped."""
-
-    pair: CameraPair
-    T_map_camera: Pose | None
-    T_color_depth: Pose | None
-    lost: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,39 +58,21 @@ class LivePipeline:
 
     def __init__(self, parameters: Parameters, segmenter: Segmenter, rig: Rig | None = None) -> None:
         config = parameters.config
-        self.parameters, self.rig = parameters, rig
-        self.paused = False
-        self.last_error = self.failure = ""
-        self.report: HealthReport | None = None
-        self._mapped_ns: int | None = None
-        cameras = {ONLY_CAMERA: None} if rig is None else {c.name: c for c in rig.cameras}
-        self.poses = CameraPoses(parameters, rig, cameras)
-        if not self.poses.posed:  # nobody can lose what was never there
+        self.parameters = parameters
+        self.intake = Intake(parameters, rig, self.clear, self._refused_stamp)
+        if not self.intake.poses.posed:  # nobody can lose what was never there
             config = replace(config, watchdog=replace(config.watchdog, pose_s=None))
-        self.inputs: Mapping[str, CameraInput] = {
-            name: CameraInput(name, camera_topics(config.source, camera), config.source, config.cloud)
-            for name, camera in cameras.items()
-        }
-        self.active = None if rig is None else ActiveCameras(rig)
-        self.queue = FrameQueue[Job](parameters.node.queue_frames)
-        self.mapper = WatchedMapper(config, segmenter, self.poses.mounts, *_layers_and_map(config))
-        self._skipped: Counter[str] = Counter()
-        self._waiting: deque[CameraPair] = deque()
-        self._newest_ns: dict[str, int] = {}
-        self._optical: dict[str, str] = {}
-        self._dropped = 0
+        self.mapper = WatchedMapper(config, segmenter, self.intake.poses.mounts, *_layers_and_map(config))
+        self.failure = ""
+        self.report: HealthReport | None = None
         self.robot: tuple[int, Pose] | None = None
         self.events: deque[tuple[Severity, str]] = deque(maxlen=EVENTS)
-        self._changes, self.load = ChangeLog(), Load()
         self.given = GivenMap(lambda *event: self.events.append(event))
-        self._first_image_ns: int | None = None
+        self.load, self.stages = Load(), self.mapper.stages
         self.first_map_s: float | None = None
-        self.stages = self.mapper.stages
-
-    @property
-    def active_names(self) -> tuple[str, ...]:
-        """Cameras that are processed now."""
-        return tuple(self.inputs) if self.active is None else self.active.names
+        self._mapped_ns: int | None = None
+        self._dropped = 0
+        self._changes = ChangeLog()
 
     @property
     def T_map_base(self) -> Pose | None:
@@ -141,121 +89,65 @@ class LivePipeline:
     @property
     def skipped(self) -> dict[str, int]:
         """What did not reach the map, by reason; cameras that look the other way are no omission."""
-        total = Counter(self._skipped) + Counter(self.mapper.left_out)
-        for camera in self.inputs.values():
-            total += Counter(camera.skipped)
-        total[REASON_QUEUE] = self.queue.dropped.total()
+        total = self.intake.skipped + Counter(self.mapper.left_out)
         return {reason: count for reason, count in total.items() if count}
 
     @property
     def facts(self) -> dict[str, object]:
         """Numbers for whoever wants to know, beside the report."""
+        intake = self.intake
         told: dict[str, object] = {
-            "mapped": dict(self.mapper.mapped), "left_out": self.skipped, "active": list(self.active_names),
-            "paused": self.paused, "error": self.last_error, "stages_ms": self.stages.means_ms,
+            "mapped": dict(self.mapper.mapped), "left_out": self.skipped, "active": list(intake.active_names),
+            "paused": intake.paused, "error": intake.last_error, "stages_ms": self.stages.means_ms,
             "first_map_s": self.first_map_s, "start_area": self.given.area is not None,
-            "dropped_by_queue": dict(self.queue.dropped), **self.load.facts,
+            "dropped_by_queue": dict(intake.queue.dropped), **self.load.facts,
         }  # fmt: skip
-        if self.active is not None:
-            told |= {"direction": self.active.selector.direction, "dropped": dict(self.active.dropped)}
+        if intake.active is not None:
+            told |= {"direction": intake.active.selector.direction, "dropped": dict(intake.active.dropped)}
         return told
 
-    def on_info(self, camera: str, kind: str, message: Any) -> None:
-        """Take a CameraInfo."""
-        try:
-            self.inputs[camera].add_info(kind, message)
-        except SwardmapError as error:
-            self._damaged(error)
-
-    def on_image(self, camera: str, kind: str, message: Any, now_ns: int) -> None:
-        """Take an image; one of a camera that looks the other way is dropped before it costs anything."""
-        is_color = kind == COLOR
-        self._first_image_ns = now_ns if self._first_image_ns is None else self._first_image_ns
-        if self.paused:
-            self._skipped[REASON_PAUSED] += is_color
-            return
-        if self.active is not None:
-            admitted = self.active.admits(camera) if is_color else camera in self.active.names
-            if not admitted:
-                return
-        self._check_clock(camera, kind, stamp_ns(message.header.stamp), now_ns)
-        for pair in self.inputs[camera].add_image(kind, message, now_ns):
-            self._optical[camera] = pair.color_frame
-            self._waiting.append(pair)
-            if len(self._waiting) > WAITING_PAIRS:
-                self._waiting.popleft()
-                self._skipped[REASON_WAITING] += 1
-        self.release(now_ns)
-
-    def on_odometry(self, message: Any, now_ns: int) -> None:
-        """Take an odometry: it moves the robot, and tells the direction of travel."""
-        self.poses.live.add_odometry(message)
-        if self.active is not None:
-            try:
-                self.active.selector.step_pose(stamp_ns(message.header.stamp), pose_from_odometry(message))
-            except SwardmapError as error:
-                self._damaged(error)
-        self.release(now_ns)
-
-    def on_tf(self, message: Any, static: bool, now_ns: int) -> None:
-        """Take a message of /tf or /tf_static."""
-        self.poses.add_tf(message, static)
-        self.release(now_ns)
-
-    def release(self, now_ns: int) -> None:
-        """Hand over the images whose pose is known now, and give up those that waited too long."""
-        wait_ns = round(self.parameters.node.pose_wait_ms * 1e6)
-        waiting, self._waiting = self._waiting, deque()
-        for pair in waiting:
-            overdue = now_ns - pair.arrival_ns >= wait_ns
-            if pair.camera not in self.active_names:
-                self._skipped[REASON_TURNED] += 1
-                continue
-            T_map_camera = self.poses.of_pair(pair, overdue)
-            if T_map_camera is None and self.poses.posed:
-                if not overdue:
-                    self._waiting.append(pair)
-                    continue
-                self._skipped[REASON_POSE] += 1
-                self.last_error = self.poses.live.missing(pair.color_frame)
-            self._hand_over(pair, T_map_camera)
+    def configure(self, parameters: Parameters) -> None:
+        """Go on with other parameters; those that the map is built on must be as they were."""
+        self.mapper.configure(parameters.config)
+        self.parameters = self.intake.parameters = parameters
 
     def process(self, timeout_s: float) -> Mapped | None:
         """Map the next frame (the worker); None if none came, or it cannot be used."""
-        job = self.queue.get(timeout_s)
+        job = self.intake.queue.get(timeout_s)
         if job is None:
             return None
         pair = job.pair
         try:
             with self.stages.measured("decode"):
-                frame = self.inputs[pair.camera].build_frame(pair, job.T_map_camera, job.T_color_depth)
+                frame = self.intake.build_frame(job)
             if job.lost:
                 self.mapper.watch_frame(pair.camera, frame, pair.arrival_ns)
                 return None
             step = self.mapper.map_frame(pair.camera, frame, pair.arrival_ns)
         except SwardmapError as error:
-            self._damaged(error)
+            self.intake.refuse(error)
             return None
         return None if step is None else Mapped(pair, step)
 
     def mapped(self, pair: CameraPair, now_ns: int) -> None:
         """Say that a pair of images is in the map now (the worker)."""
-        if self.first_map_s is None and self._first_image_ns is not None:
-            self.first_map_s = max(0, now_ns - self._first_image_ns) / 1e9
+        first_ns = self.intake.first_image_ns
+        if self.first_map_s is None and first_ns is not None:
+            self.first_map_s = max(0, now_ns - first_ns) / 1e9
             self.events.append((Severity.OK, f"first map: {self.first_map_s:.2f} s after the first image"))
         self._mapped_ns = now_ns
         self.mapper.observe_mapped(pair.stamp_ns, now_ns)
 
     def check(self, now_ns: int) -> HealthReport:
         """Say what is wrong now; call it about ten times a second."""
-        self.release(now_ns)
-        active = self.active_names
-        self._observe_poses(now_ns, active)
-        dropped = self.queue.dropped.total()
-        full = self.queue.capacity if dropped > self._dropped else self.queue.longest
+        intake, queue = self.intake, self.intake.queue
+        intake.release(now_ns)
+        self._observe_poses(now_ns)
+        dropped = queue.dropped.total()
+        full = queue.capacity if dropped > self._dropped else queue.longest
         self._dropped = dropped
-        self.mapper.observe_queue(full, self.queue.capacity, now_ns)
-        running = () if self.paused else active  # a camera that nobody listens to is not at fault
+        self.mapper.observe_queue(full, queue.capacity, now_ns)
+        running = () if intake.paused else intake.active_names  # nobody listens: the camera is not at fault
         before, self.report = self.report, self.mapper.check(now_ns, running, self._found(now_ns))
         change = self._changes.line(self.report)
         if change is not None:
@@ -271,8 +163,7 @@ class LivePipeline:
 
     def clear(self) -> None:
         """Forget the map, the start area, and all that waits for the map."""
-        self._waiting.clear()
-        self.queue.clear()
+        self.intake.clear()
         self.mapper.clear()
         self.given.end("the map was cleared")
 
@@ -283,7 +174,7 @@ class LivePipeline:
             InputError: if nobody knows where the robot is.
         """
         node, config = self.parameters.node, self.mapper.config.watchdog
-        if not self.poses.posed:
+        if not self.intake.poses.posed:
             raise InputError("no start area: pose_source is none, so there is no map to put it into")
         if self.robot is None:
             raise InputError("no start area: the pose of the robot's base is not known yet")
@@ -312,7 +203,7 @@ class LivePipeline:
 
     def _robot_xy_m(self, frame_id: str) -> tuple[float, float] | None:
         """Where the robot's base is in a frame; without poses the map lies in that of the base."""
-        if not self.poses.posed:
+        if not self.intake.poses.posed:
             return 0.0, 0.0
         if self.robot is None or self.robot[1].parent != frame_id:
             return None
@@ -327,50 +218,25 @@ class LivePipeline:
         idle_s = (now_ns - self._mapped_ns) / 1e9
         if self.failure:
             yield Diagnosis.named(MAP, Fault.IDLE, self.failure)
-        elif self.paused:
+        elif self.intake.paused:
             yield Diagnosis.named(MAP, Fault.IDLE, f"paused; nothing was mapped for {idle_s:.2f} s")
         elif idle_s > config.stopped_s + config.stale_s:
             yield Diagnosis.named(MAP, Fault.IDLE, f"nothing was mapped for {idle_s:.2f} s")
-        if self.active is not None and self.active.blind:
-            text = f"travels {self.active.selector.direction}, where no camera looks"
+        active = self.intake.active
+        if active is not None and active.blind:
+            text = f"travels {active.selector.direction}, where no camera looks"
             yield Diagnosis.named(RIG, Fault.BLIND, text)
 
-    def _hand_over(self, pair: CameraPair, T_map_camera: Pose | None) -> None:
-        T_color_depth = self.poses.view_of(pair)
-        if T_color_depth is None and not self.inputs[pair.camera].is_aligned:
-            self._skipped[REASON_VIEW] += 1
-            return
-        if T_color_depth is not None and np.array_equal(T_color_depth.matrix, np.eye(4)):
-            T_color_depth = None
-        lost = T_map_camera is None and self.poses.posed
-        self.queue.put(pair.camera, Job(pair, T_map_camera, T_color_depth, lost))
-
-    def _check_clock(self, camera: str, kind: str, stamp: int, now_ns: int) -> None:
-        key = f"{camera}/{kind}"
-        newest = self._newest_ns.get(key)
-        if newest is not None and stamp < newest - CLOCK_BACK_NS:
-            self._newest_ns.clear()
-            for each in self.inputs.values():
-                each.restart()
-            self.clear()
-        elif newest is not None and stamp <= newest and kind == COLOR:
-            self.mapper.observe_refused_stamp(camera, now_ns)  # the pairing will leave it out
-        self._newest_ns[key] = max(stamp, self._newest_ns.get(key, stamp))
-
-    def _observe_poses(self, now_ns: int, active: tuple[str, ...]) -> None:
-        self.robot = self.poses.newest_robot() if self.poses.posed else None
-        if self.active is not None and not self.poses.from_odometry:  # which tells the direction as it comes
-            base = self.poses.newest_base()
-            if base is not None:
-                self.active.selector.step_pose(*base)
-        frames = [self._optical[name] for name in active if name in self._optical]
-        newest = self.poses.newest_ns(frames, now_ns)
+    def _observe_poses(self, now_ns: int) -> None:
+        poses = self.intake.poses
+        self.robot = poses.newest_robot() if poses.posed else None
+        self.intake.follow_direction()
+        newest = self.intake.newest_pose_ns(now_ns)
         if newest is not None:
             self.mapper.observe_pose(newest)
 
-    def _damaged(self, error: SwardmapError) -> None:
-        self._skipped[REASON_DAMAGED] += 1
-        self.last_error = str(error)
+    def _refused_stamp(self, camera: str, now_ns: int) -> None:
+        self.mapper.observe_refused_stamp(camera, now_ns)
 
 
 def _layers_and_map(config: Config) -> tuple[tuple[Layer, ...], LogOddsMap | None]:

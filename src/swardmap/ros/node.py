@@ -7,20 +7,19 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from swardmap.errors import ConfigError, SwardmapError
-from swardmap.io.sources.pairing import COLOR, DEPTH
+from swardmap.errors import SwardmapError
 from swardmap.models import build_segmenter
 from swardmap.monitor.diagnostics import Severity
 from swardmap.ros.bond import Bond
-from swardmap.ros.inputs import is_compressed
 from swardmap.ros.lifecycle import refuse_wrong_transitions
 from swardmap.ros.live_pipeline import LivePipeline
 from swardmap.ros.map_outputs import Layer, MapOutputs
+from swardmap.ros.node_parameters import NodeParameters
 from swardmap.ros.outputs import Outputs
-from swardmap.ros.parameters import Declaration, Parameters, changed, declarations, parameters_from
+from swardmap.ros.parameters import Parameters
 from swardmap.ros.services import serve
-from swardmap.ros.subscription import AUTO, FOLLOW_S, Subscription
-from swardmap.ros.topics import BEST_EFFORT, find_types, image_qos, latched_qos
+from swardmap.ros.subscriptions import Subscriptions
+from swardmap.ros.topics import find_types
 from swardmap.ros.warm_up import warm_up
 
 CHECKS_HZ = 10.0
@@ -48,22 +47,27 @@ class RobotNode:
 
         self.node = LifecycleNode(name)
         refuse_wrong_transitions(self.node)
-        self.parameters = defaults or Parameters()
         self.pipeline: LivePipeline | None = None
         self._types = find_types()
         self._active = threading.Event()
         self._outputs: Outputs | None = None
         self._threads: list[threading.Thread] = []
         self._held: list[Callable[[], object]] = []
-        self._followed: list[Subscription] = []
         self._bond: Bond | None = None
-        self._declare()
+        self._parameters = NodeParameters(
+            self.node, defaults or Parameters(), self._take, lambda: self.pipeline is not None
+        )
         self.node.add_managed_entity(self._managed())
 
     @property
     def log(self) -> Any:
         """The node's logger."""
         return self.node.get_logger()
+
+    @property
+    def parameters(self) -> Parameters:
+        """What they are now."""
+        return self._parameters.now
 
     def start(self) -> bool:
         """Configure and activate, unless a lifecycle manager is to do it; returns whether all went well."""
@@ -83,39 +87,9 @@ class RobotNode:
     def _now_ns(self) -> int:
         return int(self.node.get_clock().now().nanoseconds)
 
-    def _declare(self) -> None:
-        from rcl_interfaces.msg import SetParametersResult
-
-        values = {d.name: self._declared(d) for d in declarations(self.parameters)}
-        self.parameters = parameters_from(values)
-
-        def on_set(wanted: list[Any]) -> Any:
-            values = {p.name: p.value for p in wanted if p.name in known}
-            try:
-                self._take(changed(self.parameters, values, self.pipeline is not None))
-            except SwardmapError as error:
-                return SetParametersResult(successful=False, reason=str(error))
-            return SetParametersResult(successful=True)
-
-        known = frozenset(values)
-        self.node.add_on_set_parameters_callback(on_set)
-
-    def _declared(self, declaration: Declaration) -> Any:
-        """Declare one parameter; its value may come from the command line or a file."""
-        from rcl_interfaces.msg import ParameterDescriptor
-
-        descriptor = ParameterDescriptor(
-            description=declaration.about,
-            additional_constraints=declaration.limits,
-            dynamic_typing=declaration.optional or declaration.value is None,
-        )
-        return self.node.declare_parameter(declaration.name, declaration.value, descriptor).value
-
     def _take(self, parameters: Parameters) -> None:
-        self.parameters = parameters
         if self.pipeline is not None:
-            self.pipeline.parameters = parameters
-            self.pipeline.mapper.configure(parameters.config)
+            self.pipeline.configure(parameters)
 
     def _managed(self) -> Any:
         """What rclpy's lifecycle calls on each transition."""
@@ -149,7 +123,7 @@ class RobotNode:
 
         for sentence in self._types.without:
             self.log.info(sentence)
-        self._take_margin()
+        self._parameters.take_margin()
         node = self.parameters.node
         rig = None if node.rig_file is None else read_rig(node.rig_file)
         segmenter = build_segmenter(self.parameters.config.segmenter)
@@ -159,40 +133,16 @@ class RobotNode:
         self.log.info(f"{segmenter.name} is ready after {time.monotonic() - began:.1f} s; waiting for images")
         of_map = MapOutputs(self.node, self._types, pipeline.mapper.area)
         label_set, depth = segmenter.label_set, node.image_depth
-        self._outputs = Outputs(self.node, self._types, pipeline.inputs, label_set, depth, of_map)
+        self._outputs = Outputs(self.node, self._types, pipeline.intake.inputs, label_set, depth, of_map)
         self.pipeline = pipeline
         try:
-            self._subscribe(pipeline)
+            heard = Subscriptions(self.node, self._types, pipeline.intake, self._active.is_set)
         except BaseException:
             self._cleanup()
             raise
+        self._held.append(heard.destroy)
         self._serve(pipeline)
-        self.log.info(f"cameras: {', '.join(pipeline.inputs)}; segmenter: {segmenter.name}")
-
-    def _take_margin(self) -> None:
-        """The measured margin, in place of what the parameters say; they tell it from then on."""
-        from rclpy.parameter import Parameter
-
-        from swardmap.config import config_to_dict
-        from swardmap.io.maps.margin_file import margin_notes, read_margin
-        from swardmap.runs.versions import segmenter_title
-
-        file = self.parameters.node.margin_file
-        if file is None:
-            if self.parameters.config.costmap.margin_m is None:
-                margin_m = self.parameters.config.costmap.obstacle_margin_m
-                self.log.info(f"margin {margin_m:g} m, the default: none was measured (swardmap evaluate)")
-            return
-        margin = read_margin(file)
-        person_m = margin.margin_m if margin.person_margin_m is None else margin.person_margin_m
-        found = {"costmap.margin_m": margin.margin_m, "costmap.person_margin_m": person_m}
-        result = self.node.set_parameters_atomically([Parameter(n, value=float(v)) for n, v in found.items()])
-        if not result.successful:
-            raise ConfigError(f"{file}: {result.reason}")
-        self.log.info(f"margin {margin.margin_m:g} m, around persons {person_m:g} m, of {file}")
-        config = self.parameters.config
-        for note in margin_notes(file, config_to_dict(config), segmenter_title(config)):
-            self.log.warning(note)
+        self.log.info(f"cameras: {', '.join(pipeline.intake.inputs)}; segmenter: {segmenter.name}")
 
     def _activate(self) -> None:
         assert self.pipeline is not None  # noqa: S101 - it is made when the node is configured
@@ -229,7 +179,6 @@ class RobotNode:
         for destroy in self._held:
             destroy()
         self._held.clear()
-        self._followed.clear()
         if self._outputs is not None:
             self._outputs.destroy()
         self.pipeline = self._outputs = None
@@ -238,77 +187,14 @@ class RobotNode:
         self._deactivate()
         self._cleanup()
 
-    def _subscribe(self, pipeline: LivePipeline) -> None:
-        from sensor_msgs.msg import CameraInfo, CompressedImage, Image
-
-        node = self.parameters.node
-        for name, camera in pipeline.inputs.items():
-            topics = camera.topics
-            for kind, topic, info in (
-                (COLOR, topics.color, topics.color_info),
-                (DEPTH, topics.depth, topics.depth_info),
-            ):
-                cls = CompressedImage if is_compressed(topic) else Image
-                heard = partial(self._on_image, name, kind)
-                self._follow(
-                    Subscription(self.node, cls, topic, heard, node.image_reliability, node.image_depth)
-                )
-                self._listen(
-                    CameraInfo, info, partial(pipeline.on_info, name, kind), image_qos(BEST_EFFORT, 2)
-                )
-        self._subscribe_poses(pipeline)
-
-    def _subscribe_poses(self, pipeline: LivePipeline) -> None:
-        from nav_msgs.msg import Odometry
-
-        if not pipeline.poses.posed:
-            return
-        tf = self._types["tf"]
-        if pipeline.poses.from_odometry:
-            topic = self.parameters.config.source.odometry_topic
-            assert topic is not None  # noqa: S101 - poses are from odometry only where a topic is set
-            heard = partial(self._on_odometry, pipeline)
-            self._follow(Subscription(self.node, Odometry, topic, heard, AUTO, 50))
-        elif tf is None:
-            raise ConfigError(
-                "poses by tf need tf2_msgs, which this ROS lacks: set source.odometry_topic, or install "
-                "ros-<distribution>-tf2-msgs"
-            )
-        else:
-            self._listen(tf, "/tf", lambda m: pipeline.on_tf(m, False, self._now_ns()), 100)
-        if tf is not None:
-            self._listen(
-                tf, "/tf_static", lambda m: pipeline.on_tf(m, True, self._now_ns()), latched_qos(100)
-            )
-
-    def _follow(self, subscription: Subscription) -> None:
-        self._followed.append(subscription)
-        self._held.append(subscription.destroy)
-
-    def _listen(self, cls: Any, topic: str | None, callback: Callable[[Any], None], qos: Any) -> None:
-        subscription = self.node.create_subscription(cls, topic, callback, qos)
-        self._held.append(partial(self.node.destroy_subscription, subscription))
-
     def _serve(self, pipeline: LivePipeline) -> None:
         from rclpy.clock import Clock, ClockType
 
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # a simulation that pauses must not silence the flag
         timer = self.node.create_timer(1 / CHECKS_HZ, self._check, clock=steady)
-        follow = self.node.create_timer(FOLLOW_S, self._look_at_publishers, clock=steady)
-        self._held += [partial(self.node.destroy_timer, t) for t in (timer, follow)]
+        self._held.append(partial(self.node.destroy_timer, timer))
         if self._types["services"] is not None:
             self._held += serve(self.node, pipeline)
-
-    def _on_image(self, camera: str, kind: str, message: Any) -> None:
-        if self.pipeline is not None and self._active.is_set():
-            self.pipeline.on_image(camera, kind, message, self._now_ns())
-
-    def _on_odometry(self, pipeline: LivePipeline, message: Any) -> None:
-        pipeline.on_odometry(message, self._now_ns())
-
-    def _look_at_publishers(self) -> None:
-        for subscription in self._followed:
-            subscription.follow()
 
     def _check(self) -> None:
         pipeline, outputs = self.pipeline, self._outputs

@@ -1,7 +1,7 @@
 """The node's services: clear, save, pause, grant_start_area."""
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -80,12 +80,12 @@ class _Writer(threading.Thread):
 class _OthersTurn:
     """Awaited in a callback, it lets the executor call all others that are ready before it goes on."""
 
-    def __await__(self) -> Iterator[None]:
+    def __await__(self) -> Generator[None, None, None]:
         yield
 
 
 def _pause(pipeline: LivePipeline, request: Any, response: Any) -> Any:
-    pipeline.paused = bool(request.data)
+    pipeline.intake.paused = bool(request.data)
     response.success = True
     response.message = "paused: the stop flag is set" if request.data else "mapping"
     return response
