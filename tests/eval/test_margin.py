@@ -119,14 +119,16 @@ def test_units_needed_are_those_of_wilks() -> None:
     one_cell = {1: 1}
     enough = measure_margin(named([one_cell] * 299), 0.05)
     assert (enough.margin_m, enough.reason, enough.every_cell_m) == (0.05, "", 0.05)
+    assert enough.units_more == 0
     few = measure_margin(named([one_cell] * 298), 0.05)
     assert few.margin_m is None
     assert few.every_cell_m is None
     assert "at least 299 independent frames" in few.reason
     assert "got 298" in few.reason
     assert few.claimable_share == 0.989
+    assert few.units_more == 1
     assert enough.claimable_share == 0.99
-    assert "1 more without an uncovered cell would do; these carry a share of 0.989 at most" in few.reason
+    assert "1 more without an uncovered cell would do; these carry 98 % at most" in few.reason
 
 
 def test_frames_without_misses_do_not_count() -> None:
@@ -142,11 +144,13 @@ def test_cells_that_no_margin_reaches_are_never_covered() -> None:
     claim = measure_margin(named([{1: 9, -1: 1}] * 1000), 0.05)
     assert claim.margin_m is None
     assert "no margin covers" in claim.reason
-    assert "0.1000" in claim.reason
+    assert "leaves 10 % of a frame's missed cells" in claim.reason
+    assert claim.units_more is None  # more of the same do not help
     assert claim.bootstrap_m is None
     few = measure_margin(named([{1: 10}] * 398 + [{-1: 10}]), 0.05)
     assert few.margin_m is None
     assert "at this rate 739 frames with missed cells would do, got 399" in few.reason
+    assert few.units_more == 739 - 399
     assert measure_margin(named([{1: 10}] * 398 * 2 + [{-1: 10}] * 2), 0.05).margin_m == 0.05
     rare = measure_margin(named([{1: 10}] * 1999 + [{-1: 10}]), 0.05)
     assert rare.margin_m == 0.05

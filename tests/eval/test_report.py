@@ -1,5 +1,3 @@
-import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -7,18 +5,22 @@ import numpy as np
 import pytest
 
 from swardmap.config import config_from_dict
-from swardmap.eval import charts
+from swardmap.eval import charts, gallery
 from swardmap.eval.charts import Mark
 from swardmap.eval.cost import margin_cost
 from swardmap.eval.dataset import DatasetSpec
+from swardmap.eval.gallery import LAYERS
+from swardmap.eval.look_again import look_again
 from swardmap.eval.margin_section import MarginOptions
 from swardmap.eval.report import report_html
 from swardmap.eval.results import results
 from swardmap.eval.run import evaluate, make_plan
 from swardmap.grid import GridSpec, OccupancyGrid
 from swardmap.io.maps.map_files import write_map
+from tests.browser import browser, serious_faults
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+__all__ = ["browser"]
+
 COMMAND = "swardmap evaluate 'a <script>alert(1)</script> & c' -o out"
 
 
@@ -39,14 +41,16 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_page_stands_alone_and_escapes_what_it_is_told(page: Path) -> None:
     html = page.read_text(encoding="utf-8")
-    assert "<script" not in html
+    assert html.count("<script") == 1  # ours, that moves the maps
     assert "&lt;script&gt;alert(1)" in html
     assert "rgb/&lt;b&gt;.png is truncated" in html
+    html = html.replace("http://www.w3.org/2000/svg", "")
     for outside in ("http://", "https://", 'src="/', "@import", "url("):
         assert outside not in html
-    assert "$" not in html.split("</style>")[1]
+    assert "$" not in html.split("</style>")[1].split("<script>")[0]
     assert html.index("Grow obstacles by") < html.index('<h2 id="budget">')
-    assert html.count('class="frame"') == 5
+    assert html.count('class="frame"') == html.count('class="map-box"') == 5
+    assert html.index('id="things"') < html.index('id="budget"')
     assert html.count("<details>") == 14
 
 
@@ -77,21 +81,6 @@ def test_bars_are_as_long_as_their_counts() -> None:
     svg = charts.histogram([(0.0, 0.1, 10), (0.1, 0.2, 5)], [], "x", "y", "h")
     heights = [float(part.split('"')[0]) for part in svg.split('height="')[1:]]
     assert heights[0] == pytest.approx(2 * heights[1])
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    if CHROMIUM is None:
-        pytest.skip("no Chromium on this machine")
-    arguments = [
-        "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
-        "--disable-background-networking", "--disable-component-update", "--disable-sync",
-    ]  # fmt: skip
-    with sync_api.sync_playwright() as playwright:
-        running = playwright.chromium.launch(executable_path=CHROMIUM, args=arguments)
-        yield running
-        running.close()
 
 
 @pytest.mark.slow
@@ -126,6 +115,55 @@ def test_in_chromium_it_fits_every_screen_and_asks_for_nothing(page: Path, brows
     tab.locator("summary").first.click()
     assert tab.locator("details[open] table").count() == 1
     tab.close()
+
+
+@pytest.mark.slow
+def test_maps_move_layers_switch_and_links_lead_to_things(page: Path, browser: Any) -> None:
+    tab = browser.new_page(viewport={"width": 1100, "height": 900})
+    faults: list[str] = []
+    tab.on("pageerror", lambda error: faults.append(str(error)))
+    tab.goto(page.as_uri())
+    for name, *_, first in LAYERS:
+        layers, box = f'[data-name="{name}"]', f'[data-layer="{name}"]'
+        assert tab.locator(box).is_checked() == first
+        for wanted in (not first, first):
+            tab.set_checked(box, wanted)
+            states = tab.eval_on_selector_all(
+                layers,
+                "all => all.map(e => (e.getAttribute('display') || getComputedStyle(e).display) != 'none')",
+            )
+            assert states
+            assert set(states) == {wanted}, name
+    link = tab.locator("a[data-goto]").first
+    name, x, y = (link.get_attribute(f"data-{key}") for key in ("goto", "x", "y"))
+    link.click()
+    left, top, width, height = map(float, tab.locator(f"#{name}-svg").get_attribute("viewBox").split())
+    assert (left + width / 2, top + height / 2) == pytest.approx((float(x), -float(y)), abs=0.01)
+    assert tab.locator(f"#{name}").is_visible()
+    assert tab.evaluate("location.hash") == f"#{name}"
+    before = tab.locator(f"#{name}-svg").get_attribute("viewBox")
+    tab.locator(f'[data-map="{name}"] [data-do="in"]').click()
+    assert tab.locator(f"#{name}-svg").get_attribute("viewBox") != before
+    assert faults == []
+    tab.close()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_it_has_no_serious_fault_of_access(page: Path, browser: Any, scheme: str) -> None:
+    tab = browser.new_page(viewport={"width": 390, "height": 800}, color_scheme=scheme)
+    tab.goto(page.as_uri())
+    assert serious_faults(tab) == []
+    tab.close()
+
+
+def test_frames_of_a_page_are_bounded(page: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    config = config_from_dict({"segmenter": {"name": "truth"}})
+    plan = make_plan(DatasetSpec("analytic:scenes=1,frames=3,width=96"), config, with_budget=False)
+    again = [(i, seen) for i in range(3) if (seen := look_again(plan, i)) is not None]
+    assert len(gallery.frame_views(again, 0.1)) == 3
+    monkeypatch.setattr(gallery, "MOST_BYTES", 10)
+    assert len(gallery.frame_views(again, 0.1)) == 1
 
 
 @pytest.mark.slow

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
+from swardmap.cli.evaluation_text import summary_text
 from swardmap.cli.options import (
     Classes,
     ConfigFile,
@@ -26,12 +27,19 @@ Examples:
   swardmap evaluate EDEN/ -o out/ --segmenter lawn.onnx
   swardmap evaluate recording/ -o out/ --segmenter truth --unit sequence
   swardmap evaluate analytic:scenes=4,frames=90 -o out/ --segmenter colour
+  swardmap evaluate another_recording/ -o out/ --more
 
 An interrupted run goes on where it was: give the same command again.
+--more adds a recording to a finished run, with that run's settings.
 """
 
 
+OF_THE_RUN = ("segmenter", "resolution", "protocol", "judged_margin", "pose_noise", "budget", "config")
+"""Options that a recording that is added takes from the run."""
+
+
 def evaluate_command(
+    context: typer.Context,
     dataset: Annotated[
         str, typer.Argument(help="Recording with true labels, or analytic:scenes=4,frames=25.")
     ],
@@ -81,6 +89,9 @@ def evaluate_command(
     mower_width: Annotated[float, typer.Option(help="Of the mower in metres, for the cost.")] = 0.5,
     workers: Annotated[int | None, typer.Option(help="Processes; none = one a core.", min=1)] = None,
     ray: Annotated[str | None, typer.Option(help="Address of a Ray cluster to use, or local.")] = None,
+    more: Annotated[
+        bool, typer.Option("--more", help="Add the recording to the finished run in OUT, with its settings.")
+    ] = False,
     strict: Annotated[bool, typer.Option(help="Stop at a frame that cannot be evaluated.")] = False,
     config: ConfigFile = None,
     set_: Settings = None,
@@ -88,20 +99,16 @@ def evaluate_command(
     as_json: Json = False,
 ) -> None:
     """Compare maps with their truth: the paper's tables, d_min-obst, an error budget, a proven margin."""
+    if more:
+        _refuse_own_settings(context, set_ or [], overwrite)
     flags = {"source.format": kind, "segmenter.name": segmenter}
     named = [f"{key}={json.dumps(value)}" for key, value in flags.items() if value is not None]
     chosen = settings(config, [*(set_ or []), *named])
 
     from swardmap.eval.budget import PoseNoise
-    from swardmap.eval.cost import margin_cost
     from swardmap.eval.dataset import DatasetSpec, true_masks
-    from swardmap.eval.margin_section import MarginOptions
-    from swardmap.eval.output import write_results
-    from swardmap.eval.report import report_html
-    from swardmap.eval.results import results
+    from swardmap.eval.gathered import place_for_more
     from swardmap.eval.run import evaluate, make_plan
-    from swardmap.io.door import reading
-    from swardmap.runs.frame_check import faults_of_records
 
     said = tuple(f"{theirs}={ours}" for theirs, ours in meanings(classes or []).items())
     if masks is not None:
@@ -116,84 +123,59 @@ def evaluate_command(
         options["protocols"] = tuple(protocol)
     if judged_margin is not None:
         options["margin_m"] = judged_margin
-    margin = MarginOptions(share, confidence, unit, population)
-    plan = make_plan(spec, chosen, **options)
+    plan, folder = place_for_more(out, spec) if more else (make_plan(spec, chosen, **options), out)
     with Progress("evaluating", "evaluated", quiet=as_json) as bar:
-        records = evaluate(
-            plan, out, workers=workers, ray_address=ray, strict=strict, overwrite=overwrite, on_done=bar.show
-        )
-    with reading(out, "whole records of an evaluation"):
-        found = results(plan, records, margin, command="swardmap " + shlex.join(sys.argv[1:]))
-    found["faults"] = faults_of_records([record.get("looks") for record in records], chosen.watchdog)
-    found["cost"] = margin_cost(found, map_file, work_area, mower_width)
-    write_results(out, plan, records, found, report_html(plan, found))
+        evaluate(
+            plan, folder, workers=workers, ray_address=ray, strict=strict, overwrite=overwrite,
+            on_done=bar.show,
+        )  # fmt: skip
+    wanted = {"share": share, "confidence": confidence, "unit": unit, "population": population}
+    given = {name: value for name, value in wanted.items() if not more or _is_given(context, name)}
+    found = _written(out, given, (map_file, work_area, mower_width))
     print(json.dumps(found, allow_nan=False) if as_json else summary_text(found, out))
     if not found["frames"]["evaluated"]:
         raise InputError(f"{dataset}: not one frame could be evaluated, so nothing was measured")
 
 
-def summary_text(found: dict[str, Any], out: Path) -> str:
-    """What a person wants to know after an evaluation, in a few lines."""
-    from swardmap.eval.pages import percent
+def _written(
+    out: Path, margin_options: dict[str, Any], cost: tuple[Path | None, Path | None, float]
+) -> dict[str, Any]:
+    """Everything that follows from the records of a run, into its files."""
+    from swardmap.eval.cost import margin_cost
+    from swardmap.eval.gathered import gather, recordings_section
+    from swardmap.eval.look_again import worst_things
+    from swardmap.eval.margin_section import MarginOptions
+    from swardmap.eval.output import write_results, written_margin_options
+    from swardmap.eval.report import report_html, worst_frames
+    from swardmap.eval.results import results
+    from swardmap.io.door import reading
+    from swardmap.runs.frame_check import faults_of_records
 
-    frames, margin = found["frames"], found["margin"]
-    lines = [f"{frames['evaluated']} of {frames['total']} frames evaluated with '{found['segmenter']}'"]
-    lines += [f"  not evaluated: frame {bad['index']}: {bad['error']}" for bad in frames["unreadable"][:5]]
-    if len(frames["unreadable"]) > 5:
-        lines.append(f"  ... and {len(frames['unreadable']) - 5} more, see frames.csv")
-    if frames["evaluated"]:
-        section = found["maps"][found["main"]]["overall"]
-        cells, d_min = section["cells"], section["d_min"]["all"]
-        called = cells["obstacle_called_free"]
-        rate = f"{percent(called['share'])} % ({called['count']} of {called['of']})"
-        lines += [
-            f"masks: accuracy {percent(found['masks']['overall']['accuracy'])} %",
-            f"maps ({found['main']}): obstacle cells called free: {rate}",
-            *safety_lines(found),
-        ]
-        if d_min["count"]:
-            lines.append(
-                f"d_min-obst: mean {d_min['mean_m']:.3f} m, 99 % {d_min['quantiles_m']['0.99']:.3f} m"
-            )
-    if found.get("faults"):
-        counts = ", ".join(f"{n} x {fault}" for fault, n in found["faults"].items())
-        lines.append(f"frames that the watchdog of the node would refuse: {counts}")
-    if margin["margin_m"] is None:
-        lines.append(f"no margin: {margin['reason']}")
-        if margin["carried_share"] and found["command"].startswith("swardmap evaluate"):
-            lines.append(f"  for that share: {with_share(found['command'], margin['carried_share'])}")
-    else:
-        lines.append(f"margin: {margin['margin_m']:.3f} m, see {out / 'margin.yaml'}")
-    return "\n".join([*lines, f"report: {out / 'report.html'}"])
+    run = gather(out)
+    margin = MarginOptions(**(written_margin_options(out) | margin_options))
+    with reading(out, "whole records of an evaluation"):
+        found = results(run.plan, run.records, margin, command="swardmap " + shlex.join(sys.argv[1:]))
+    found["recordings"], found["unfinished"] = recordings_section(run), list(run.unfinished)
+    found["faults"] = faults_of_records([r.get("looks") for r in run.records], run.plan.config.watchdog)
+    found["cost"] = margin_cost(found, *cost)
+    again = worst_frames(run, found)
+    found["worst_things"] = worst_things(again, run.plan.margin_m)
+    write_results(out, run.plan, run.records, found, report_html(run.plan, found, again))
+    return found
 
 
-def with_share(command: str, share: float) -> str:
-    """The same command for another share of the missed cells; what is evaluated already is not done again."""
-    words = shlex.split(command)
-    if "--share" in words[:-1]:
-        at = words.index("--share")
-        del words[at : at + 2]
-    words = [word for word in words if not word.startswith("--share=") and word != "--overwrite"]
-    return shlex.join([*words, "--share", f"{share:g}"])
+def _is_given(context: typer.Context, name: str) -> bool:
+    """Whether an option stands on the command line."""
+    source = context.get_parameter_source(name)
+    return source is not None and source.name == "COMMANDLINE"
 
 
-def safety_lines(found: dict[str, Any]) -> list[str]:
-    """What a safety engineer reads first."""
-    from swardmap.eval.metrics import interval_text, metric
-
-    section = found["metrics"]["overall"]
-
-    def told(key: str, name: str) -> str:
-        one = section[key]
-        interval = interval_text(one)
-        more = f", 95 % by {found['unit']}: {interval}" if interval else ""
-        return f"{one['count']} of {one['of']} {name} ({metric(key).text(one['value'])}{more})"
-
-    near = metric("free_beyond_margin_near").text(section["free_beyond_margin_near"]["value"])
-    kept = metric("lawn_kept_near").text(section["lawn_kept_near"]["value"])
-    margin = f"beyond the margin of {found['margin_in_use_m']:g} m"
-    return [
-        f"things within 5 m: {told('things_missed', 'missed')}; {told('things_dangerous', 'dangerous')}",
-        f"corridors of 3 m: {told('corridor_missed', 'missed')}; {told('false_stops', 'false stops')}",
-        f"obstacle cells within 5 m called free {margin}: {near}; lawn kept there: {kept}",
-    ]
+def _refuse_own_settings(context: typer.Context, set_: list[str], overwrite: bool) -> None:
+    """Hold that a recording that is added is judged as those before it."""
+    names = [name for name in OF_THE_RUN if _is_given(context, name)]
+    own = [f"--{name.replace('_', '-')}" for name in names]
+    own += [f"--set {word}" for word in set_ if not word.startswith("source.")]
+    if own or overwrite:
+        raise typer.BadParameter(
+            f"--more takes these from the run in OUT: leave out {', '.join(own) or '--overwrite'}"
+        )

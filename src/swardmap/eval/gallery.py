@@ -1,75 +1,77 @@
-"""The worst frames as pictures: photo, mask, reference map, predicted map with its misses tied (Fig. 5)."""
+"""Frames of a report: photo with both masks, and a map to move and zoom, truth and prediction its layers."""
 
-import base64
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from swardmap.eval.dataset import read_frames
-from swardmap.eval.frame import Plan, compare_again, segmenter_of
+from swardmap.eval.look_again import FrameAgain
 from swardmap.eval.maps import MapComparison, tied_cells
-from swardmap.grid import OccupancyGrid
-from swardmap.labels import MapClass
-from swardmap.types import Frame, Segmentation
-
-MAP_COLORS = np.array([(213, 217, 214), (104, 180, 84), (66, 103, 178), (240, 180, 40)], np.uint8)
-"""Unknown, grass, obstacle, person."""
+from swardmap.grid import GridSpec, OccupancyGrid
+from swardmap.labels import LabelSet, MapClass
+from swardmap.viz.map_layers import Layer, image_url
+from swardmap.viz.maps import COLOR_OF_CLASS, MARGIN_COLOR, bounds_of
 
 PHOTO_WIDTH = 480
+MOST_BYTES = 8_000_000
+"""Of all frames of a report together; those with least at stake are left out."""
+MISS_COLOR = (214, 51, 58)
+LAYERS = (
+    ("truth", "true map", "", False),
+    ("predicted", "predicted map", "", True),
+    ("margin", "margin in use", "#d6423c", False),
+    ("missed", "obstacle cells called free", "#d6333a", True),
+    ("ties", "missed cells tied to the nearest found cell", "", True),
+    ("things", "things of the list (rings)", "", True),
+    ("true-mask", "true mask on the photo", "", False),
+    ("predicted-mask", "predicted mask on the photo", "", True),
+    ("axes", "axes, metres", "", True),
+)
+"""What can be switched on every frame: name, title, colour of its key or none, whether it shows at first."""
 
 
-@dataclass(frozen=True, slots=True)
-class Picture:
-    """A picture inside the page.
+def frame_views(again: Sequence[tuple[int, FrameAgain]], margin_m: float) -> list[dict[str, Any]]:
+    """Frames for the template, as many of the first as MOST_BYTES holds.
 
-    Attributes:
-        url: with the data in it.
-        width, height: in pixels, of maps in cells.
-        alt: what it shows.
-        ties: of a map: missed cells with the found cell nearest to them.
-        metre: of a map: cells a metre.
+    Args:
+        again: index and frame, the worst first.
+        margin_m: that marks are grown by.
     """
-
-    url: str
-    width: int
-    height: int
-    alt: str
-    ties: tuple["Tie", ...] = ()
-    metre: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class Tie:
-    """Centre of a missed cell in the picture, and that of the found cell nearest to it, if there is one."""
-
-    x: float
-    y: float
-    hit: tuple[float, float] | None
+    views, size = [], 0
+    for index, seen in again:
+        view = frame_view(index, seen, margin_m)
+        size += _size(view)
+        if size > MOST_BYTES and views:
+            break
+        views.append(view)
+    return views
 
 
-def frame_pictures(plan: Plan, index: int) -> dict[str, Any] | None:
-    """One frame of the gallery for its template; None if it cannot be read any more."""
-    numbered = next(read_frames(plan.dataset, index, index + 1))
-    frame = numbered.frame
-    if frame is None:
-        return None
-    segmenter = segmenter_of(plan, frame.label_set)
-    segmentation, found = compare_again(plan, frame, numbered.clean, segmenter, numbered.truth)
-    window = _known_window(found)
+def frame_view(index: int, seen: FrameAgain, margin_m: float) -> dict[str, Any]:
+    """One frame for its template."""
+    frame, found = seen.frame, seen.comparison
+    size = (PHOTO_WIDTH, max(1, round(frame.rgb.shape[0] * PHOTO_WIDTH / frame.rgb.shape[1])))
+    photo: NDArray[np.uint8] = cv2.resize(frame.rgb, size, interpolation=cv2.INTER_AREA)
+    assert frame.labels is not None  # noqa: S101 - an evaluated frame has them
+    assert frame.label_set is not None  # noqa: S101
+    predicted = seen.segmentation
     return {
+        "id": f"frame-{index}",
         "name": frame.name or str(index),
         "tags": ", ".join(f"{k} {v}" for k, v in sorted(frame.tags.items())),
-        "facts": "; ".join(_facts(found)),
-        "photo": _image(_photo(frame), f"photo of frame {frame.name}", ".jpg"),
-        "mask": _image(_masked(frame, segmentation), f"predicted mask of frame {frame.name}", ".jpg"),
-        "reference": _map(found.reference, window, [], "reference map"),
-        "predicted": _map(found.predicted, window, _ties(found), "predicted map, misses in red"),
+        "facts": "; ".join(facts(found)),
+        "size": size,
+        "photo": image_url(photo, ".jpg", 82),
+        "true_mask": _mask(frame.labels, frame.label_set, size),
+        "predicted_mask": _mask(predicted.labels, predicted.label_set, size),
+        "map": map_of(found, seen, margin_m),
     }
 
 
-def _facts(found: MapComparison) -> list[str]:
+def facts(found: MapComparison) -> list[str]:
+    """What went wrong in one map, in words."""
     tally, summary = found.tally, found.tally.distances().summary()
     called = tally.matrix.obstacle_called_free
     parts = [f"{called.count} of {called.of} obstacle cells called free"]
@@ -82,19 +84,38 @@ def _facts(found: MapComparison) -> list[str]:
     return parts
 
 
-def _photo(frame: Frame) -> NDArray[np.uint8]:
-    import cv2
-
-    height = round(frame.rgb.shape[0] * PHOTO_WIDTH / frame.rgb.shape[1])
-    small: NDArray[np.uint8] = cv2.resize(frame.rgb, (PHOTO_WIDTH, height), interpolation=cv2.INTER_AREA)
-    return small
-
-
-def _masked(frame: Frame, segmentation: Segmentation) -> NDArray[np.uint8]:
-    photo = _photo(frame)
-    labels = segmentation.resized_to(*photo.shape[:2])
-    colors = labels.label_set.color_table[labels.labels]
-    return ((photo.astype(np.uint16) * 2 + colors.astype(np.uint16) * 3) // 5).astype(np.uint8)
+def map_of(found: MapComparison, seen: FrameAgain, margin_m: float) -> dict[str, Any]:
+    """Both maps of a frame for the map box; SVG's y points down: it is the map's with its sign changed."""
+    rows, columns = _known_window(found)
+    reference, predicted = found.reference.classes[rows, columns], found.predicted.classes[rows, columns]
+    spec = _part(found.reference.spec, rows, columns)
+    x_min, x_max, y_min, y_max = spec.extent_m
+    marks = found.predicted.classes >= MapClass.OBSTACLE
+    grown = _grown(marks, margin_m / spec.resolution_m)[rows, columns] & (predicted < MapClass.OBSTACLE)
+    missed = (reference >= MapClass.OBSTACLE) & (predicted == MapClass.GRASS)
+    pictures = {
+        "predicted": _classes(predicted),
+        "truth": _classes(reference),
+        "margin": _colored(grown, MARGIN_COLOR, 150),
+        "missed": _colored(missed, MISS_COLOR, 255),
+    }
+    shown = {name: first for name, _, _, first in LAYERS}
+    window = OccupancyGrid(spec, np.maximum(reference, predicted))
+    low_x, high_x, low_y, high_y = bounds_of(window, seen.T_map_camera.position_m[:2])
+    return {
+        "layers": [
+            Layer(name, name, "", image_url(np.flipud(picture), ".png"), shown[name])
+            for name, picture in pictures.items()
+        ],
+        "image": {"x": x_min, "y": -y_max, "width": x_max - x_min, "height": y_max - y_min},
+        "view": {"x": low_x, "y": -high_y, "width": high_x - low_x, "height": high_y - low_y},
+        "way": "",
+        "ties": _ties(found),
+        "things": [
+            {"xy_m": thing.xy_m, "title": thing.title} for thing in seen.things
+            if thing.missed or thing.free_cells
+        ],
+    }  # fmt: skip
 
 
 def _known_window(found: MapComparison) -> tuple[slice, slice]:
@@ -108,39 +129,49 @@ def _known_window(found: MapComparison) -> tuple[slice, slice]:
     return spans[0], spans[1]
 
 
-def _ties(found: MapComparison) -> list[tuple[NDArray[np.int64], NDArray[np.int64] | None]]:
-    """Missed cells with the found cell nearest to them, the farthest first; None where nothing was found."""
-    ties = [(tie[0], tie[1]) for tie in tied_cells(found)]
-    return [*ties] if found.misses.hits else [(cell, None) for cell in found.misses.cells[:400]]
+def _part(spec: GridSpec, rows: slice, columns: slice) -> GridSpec:
+    x, y = spec.origin_m
+    r = spec.resolution_m
+    corner = (x + columns.start * r, y + rows.start * r)
+    return GridSpec(r, columns.stop - columns.start, rows.stop - rows.start, corner, spec.frame_id)
 
 
-def _map(
-    grid: OccupancyGrid,
-    window: tuple[slice, slice],
-    ties: list[tuple[NDArray[np.int64], NDArray[np.int64] | None]],
-    name: str,
-) -> Picture:
-    """A map with y up, one unit a cell."""
-    rows, columns = window
-    picture = MAP_COLORS[grid.classes[window]][::-1]
-    height, width = picture.shape[:2]
+def _grown(marks: NDArray[np.bool_], radius_cells: float) -> NDArray[np.bool_]:
+    """Cells whose centre is within a distance of a mark's."""
+    from swardmap.eval.cost import squared_distance
 
-    def place(cell: NDArray[np.int64]) -> tuple[float, float]:
-        return float(cell[0] - columns.start) + 0.5, float(rows.stop - cell[1]) - 0.5
-
-    tied = tuple(Tie(*place(missed), None if hit is None else place(hit)) for missed, hit in ties)
-    return Picture(_data_url(picture, ".png"), width, height, name, tied, 1 / grid.spec.resolution_m)
+    near: NDArray[np.bool_] = squared_distance(marks) <= radius_cells**2 + 1e-9
+    return near
 
 
-def _image(picture: NDArray[np.uint8], alt: str, kind: str) -> Picture:
-    height, width = picture.shape[:2]
-    return Picture(_data_url(picture, kind), width, height, alt)
+def _ties(found: MapComparison) -> str:
+    """Missed cells with the found cell nearest to them, as one path in metres (Fig. 5)."""
+    spec = found.reference.spec
+    ends = [(spec.center_of(missed), spec.center_of(hit)) for missed, hit in tied_cells(found)]
+    return "".join(f"M{a[0]:.3f} {-a[1]:.3f}L{b[0]:.3f} {-b[1]:.3f}" for a, b in ends)
 
 
-def _data_url(picture: NDArray[np.uint8], kind: str) -> str:
-    import cv2
+def _classes(classes: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """RGBA; unknown is transparent."""
+    opacity = np.where(classes == MapClass.UNKNOWN, np.uint8(0), np.uint8(255))
+    return np.dstack((COLOR_OF_CLASS[classes], opacity))
 
-    options: list[Any] = [cv2.IMWRITE_JPEG_QUALITY, 82] if kind == ".jpg" else []
-    _, encoded = cv2.imencode(kind, np.ascontiguousarray(picture[..., ::-1]), options)
-    mime = "image/jpeg" if kind == ".jpg" else "image/png"
-    return f"data:{mime};base64,{base64.b64encode(encoded.tobytes()).decode()}"
+
+def _colored(cells: NDArray[np.bool_], color: tuple[int, int, int], opacity: int) -> NDArray[np.uint8]:
+    picture = np.zeros((*cells.shape, 4), np.uint8)
+    picture[cells] = (*color, opacity)
+    return picture
+
+
+def _mask(labels: NDArray[np.uint8], label_set: LabelSet, size: tuple[int, int]) -> str:
+    """A mask at the size of the photo, transparent where nothing is known."""
+    small = cv2.resize(labels, size, interpolation=cv2.INTER_NEAREST)
+    opacity = np.where(label_set.map_class_table[small] > 0, np.uint8(255), np.uint8(0))
+    return image_url(np.dstack((label_set.color_table[small], opacity)), ".png")
+
+
+def _size(view: Mapping[str, Any]) -> int:
+    pictures = [layer.url for layer in view["map"]["layers"]]
+    return sum(
+        map(len, [view["photo"], view["true_mask"], view["predicted_mask"], view["map"]["ties"], *pictures])
+    )

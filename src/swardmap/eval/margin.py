@@ -36,6 +36,9 @@ missed as a whole, at their distance to another obstacle; without any found cell
 
 DRAWS = 1000
 
+PLAIN_SHARES = (0.99, 0.95, 0.9, 0.8, 0.75, 0.5)
+"""Shares that can be said without a number after the comma: 9 of 10, half."""
+
 
 @dataclass(frozen=True, slots=True)
 class Claim:
@@ -52,6 +55,7 @@ class Claim:
         reason: why it was refused, and how many units would do; empty otherwise.
         units_needed: smallest number of units that could carry the claim, if no cell were uncovered.
         claimable_share: largest share, in thousandths, that these units carry with some margin; 0 if none.
+        units_more: units with missed cells that would do, beside these and like them; None if no number does.
         every_cell_m: order statistics: in `share` of the units no missed cell at all is farther; or None.
         bootstrap_m: cluster bootstrap: upper end of the pooled share's quantile; or None.
         pooled_m: quantile of the pooled cells here, without any confidence; or None.
@@ -68,6 +72,7 @@ class Claim:
     reason: str
     units_needed: int
     claimable_share: float
+    units_more: int | None
     every_cell_m: float | None
     bootstrap_m: float | None
     pooled_m: float | None
@@ -127,6 +132,7 @@ def measure_margin(
         reason="" if margin is not None else _reason(n, needed, share, confidence, unit, losses),
         units_needed=needed,
         claimable_share=carried_share(losses, n, confidence),
+        units_more=0 if margin is not None else _units_more(n, needed, share, confidence, losses),
         every_cell_m=_metres(_order_statistic(filled, share, confidence), resolution_m),
         bootstrap_m=_metres(_bootstrap(filled, share, confidence, seed), resolution_m),
         pooled_m=_metres(_quantile(pooled, share), resolution_m),
@@ -242,26 +248,63 @@ def carried_share(losses: Sequence[float], n: int, confidence: float) -> float:
     return next((k / 1000 for k in thousandths if _is_proven(losses[-1], n, k / 1000, confidence)), 0.0)
 
 
+def told_share(share: float) -> float:
+    """A share as people say it: whole percent, never more than it is; as it is where that were nothing.
+
+    >>> told_share(0.846), told_share(0.004)
+    (0.84, 0.004)
+    """
+    whole = math.floor(round(100 * share, 6)) / 100
+    return whole or share
+
+
+def plain_share(carried: float) -> float | None:
+    """The largest of PLAIN_SHARES that is not above what can be carried; None if none is.
+
+    >>> plain_share(0.84)
+    0.8
+    """
+    return next((share for share in PLAIN_SHARES if share <= carried + 1e-9), None)
+
+
+def share_text(share: float) -> str:
+    """A share in percent, without more digits than it has.
+
+    >>> share_text(0.99), share_text(0.999)
+    ('99 %', '99.9 %')
+    """
+    return f"{100 * share:.4g} %"
+
+
+def _units_more(n: int, needed: int, share: float, confidence: float, losses: list[float]) -> int | None:
+    """How many more units of the same kind would do; None where a part stays uncovered by any margin."""
+    least = losses[-1] if n else 0.0
+    if least == 0:
+        return needed - n
+    if least >= 1 - share:
+        return None
+    return math.ceil(-math.log(1 - confidence) / _divergence(least, 1 - share)) - n
+
+
 def _reason(n: int, needed: int, share: float, confidence: float, unit: str, losses: list[float]) -> str:
-    what = f"{share:.4g} of the missed cells at {confidence:.4g} confidence"
+    what = f"{share_text(share)} of the missed cells at {share_text(confidence)} confidence"
     if n == 0:
         return f"no {unit} has missed cells to measure a margin from; {what} needs at least {needed} that do"
     if n < needed:
-        most = carried_share(losses, n, confidence)
-        carried = f"these carry a share of {most:.3f} at most" if most else "these carry no share at all"
+        most = told_share(carried_share(losses, n, confidence))
+        carried = f"these carry {share_text(most)} at most" if most else "these carry no share at all"
         return (
             f"{what} needs at least {needed} independent {unit}s with missed cells, got {n}: "
             f"{needed - n} more without an uncovered cell would do; {carried}"
         )
-    least = losses[-1]
     refusal = (
-        f"no margin covers {what}: even the largest leaves {least:.4f} of a {unit}'s missed cells "
-        "uncovered on average, in maps without one found cell"
+        f"no margin covers {what}: even the largest leaves {share_text(losses[-1])} of a {unit}'s missed "
+        "cells uncovered on average, in maps without one found cell"
     )
-    if least >= 1 - share:
+    more = _units_more(n, needed, share, confidence, losses)
+    if more is None:
         return refusal
-    enough = math.ceil(-math.log(1 - confidence) / _divergence(least, 1 - share))
-    return f"{refusal}; at this rate {enough} {unit}s with missed cells would do, got {n}: {enough - n} more"
+    return f"{refusal}; at this rate {n + more} {unit}s with missed cells would do, got {n}: {more} more"
 
 
 def _metres(squared: float | None, resolution_m: float) -> float | None:

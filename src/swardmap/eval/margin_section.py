@@ -10,7 +10,14 @@ from swardmap.errors import InvalidValueError
 from swardmap.eval.distances import DistanceHistogram
 from swardmap.eval.frame import Plan, split_key
 from swardmap.eval.maps import at_resolution
-from swardmap.eval.margin import POPULATIONS, Claim, measure_margin, unit_misses, units_needed
+from swardmap.eval.margin import (
+    POPULATIONS,
+    Claim,
+    measure_margin,
+    told_share,
+    unit_misses,
+    units_needed,
+)
 from swardmap.eval.margin_statement import margin_of, statement_of
 from swardmap.eval.tally import MapTally, total_of
 from swardmap.io.maps.margin_file import measured_with
@@ -85,7 +92,9 @@ def margin_section(plan: Plan, records: Sequence[Record], options: MarginOptions
         "not_covered": not_covered,
         "claims": [asdict(c) for c in claims.values()],
         "measured_with": asdict(measured_with(config_to_dict(config), plan.segmenter_name)),
-        "carried_share": chosen.claimable_share,
+        "carried_share": told_share(chosen.claimable_share),
+        "units": chosen.units,
+        "units_more": chosen.units_more,
         "curve": margin_curve(total.distances(found=True if options.population == "found" else None)),
     }
 

@@ -15,10 +15,12 @@ from pathlib import Path
 from typing import Any
 
 from swardmap.config import config_to_yaml
+from swardmap.errors import InputError
 from swardmap.eval.frame import Plan, split_key
 from swardmap.eval.tables import latex, markdown, paper_tables, safety_tables
 from swardmap.eval.tally import MapTally
-from swardmap.io.files import write_text
+from swardmap.io.door import MAX_JSON_BYTES, parse_json
+from swardmap.io.files import read_bytes, write_text
 from swardmap.io.maps.margin_file import Margin, MeasuredWith, margin_text
 
 Record = Mapping[str, Any]
@@ -56,6 +58,17 @@ def write_results(
     if html is not None:
         write_text(out / "report.html", html)
     write_text(out / "results.json", json.dumps(results, indent=1, allow_nan=False) + "\n")
+
+
+def written_margin_options(out: Path) -> dict[str, Any]:
+    """What the margin of an earlier evaluation was to promise; empty where there is none."""
+    shape = {"share": float, "confidence": float, "unit": str, "population": str}
+    try:
+        content = read_bytes(out / "results.json", MAX_JSON_BYTES)
+        found = parse_json(content, out, {"margin": {"options": shape}})
+    except InputError:
+        return {}
+    return {name: found["margin"]["options"][name] for name in shape}
 
 
 METRIC_HEAD = ("section", "protocol", "resolution_m", "tag", "group", "class", "metric", "value", "count")

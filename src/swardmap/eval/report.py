@@ -11,45 +11,61 @@ from swardmap.eval.charts import Mark
 from swardmap.eval.dataset import dataset_name
 from swardmap.eval.distances import DistanceHistogram
 from swardmap.eval.frame import Plan
-from swardmap.eval.gallery import MAP_COLORS, frame_pictures
+from swardmap.eval.gallery import LAYERS, frame_views
+from swardmap.eval.gathered import Gathered, alone
+from swardmap.eval.look_again import FrameAgain, look_again, worst_things
 from swardmap.eval.metrics import UNDEFINED, interval_text, metric
 from swardmap.eval.pages import metres, pct, points, render, style_sheet, told_command
 from swardmap.eval.tables import paper_tables, safety_tables
+from swardmap.viz.maps import COLOR_OF_CLASS
 
 Results = Mapping[str, Any]
 Row = tuple[str, ...]
-FRAMES_SHOWN = 8
+FRAMES_SHOWN = 10
+THINGS_SHOWN = 40
 
 SECTIONS = {
     "safety": "What a safety engineer reads first",
+    "things": "Worst things first",
+    "frames": "Where they stand: frames with most at stake first",
     "budget": "Where the errors come from",
     "distances": "How far misses are from what was found",
     "margin": "The margin",
     "cost": "What the margin costs",
     "missed": "Obstacles missed as a whole",
-    "frames": "Worst frames first",
     "tables": "The paper's tables",
     "left-out": "Frames left out",
 }
 """Sections by name, which is that of their template, and their titles; empty ones are left out."""
 
 
-def report_html(plan: Plan, results: Results) -> str:
+def worst_frames(run: Gathered, results: Results, most: int = FRAMES_SHOWN) -> list[tuple[int, FrameAgain]]:
+    """The frames with most at stake, looked at again: index and frame, as far as they can still be read."""
+    found = ((index, look_again(*run.locate(index))) for index in results["worst"][:most])
+    return [(index, seen) for index, seen in found if seen is not None]
+
+
+def report_html(plan: Plan, results: Results, again: Sequence[tuple[int, FrameAgain]] | None = None) -> str:
     """The whole page.
 
     Args:
-        plan: of the run; the worst frames are read again for their pictures.
+        plan: of the run.
         results: from `results.results`.
+        again: from `worst_frames`; None reads them of the plan.
     """
     frames, has_frames = results["frames"], results["masks"]["overall"] is not None
+    if again is None:
+        again = worst_frames(alone(plan, [{}] * frames["total"]), results)
+    views = frame_views(again[:FRAMES_SHOWN], results["margin_in_use_m"])
     told: dict[str, Any] = {
         "safety": safety_view(results) if has_frames else None,
+        "things": things_view(results, again, {view["id"] for view in views}) if again else None,
         "budget": budget_view(results),
         "distances": distances_view(results) if has_frames else None,
         "margin": results["margin"],
         "cost": cost_view(results),
         "missed": missed_view(results) if has_frames else None,
-        "frames": [f for i in results["worst"][:FRAMES_SHOWN] if (f := frame_pictures(plan, i))],
+        "frames": views,
         "tables": [*safety_tables(results)[1:], *paper_tables(results)],
         "left_out": frames["unreadable"],
     }
@@ -57,7 +73,7 @@ def report_html(plan: Plan, results: Results) -> str:
     return render(
         "page.html",
         version=__version__,
-        title=f"How far the maps of {dataset_name(results['dataset'])} can be trusted",
+        title=title(results),
         subtitle=f"{frames['evaluated']} of {frames['total']} frames, segmenter {results['segmenter']}, "
         f"maps {results['main']} m",
         style=style_sheet(),
@@ -70,8 +86,47 @@ def report_html(plan: Plan, results: Results) -> str:
         cost_keys=_markup('<span class="key" style="background:var(--miss)"></span>misses covered'
                           '<span class="key" style="background:var(--grass)"></span>lawn still reached'),
         map_colors=_map_colors(),
+        layers=LAYERS,
         **told,
     )  # fmt: skip
+
+
+def title(results: Results) -> str:
+    """What was judged: the recording, and how many were added to it."""
+    more = len(results.get("recordings", ())) - 1
+    added = "" if more < 1 else f" and {more} more recording{'s' if more > 1 else ''}"
+    return f"How far the maps of {dataset_name(results['dataset'])}{added} can be trusted"
+
+
+def things_view(results: Results, again: Sequence[tuple[int, FrameAgain]], shown: set[str]) -> dict[str, Any]:
+    """Rows of the worst things, each with its frame on the page if that is shown."""
+    margin_m = results["margin_in_use_m"]
+    things = worst_things(again, margin_m)
+    rows = [
+        {
+            **thing,
+            "id": f"frame-{thing['index']}",
+            "has_view": f"frame-{thing['index']}" in shown,
+            "state": _state(thing, margin_m),
+            "needs": "no mark at all" if thing["needs_m"] is None else f"{thing['needs_m']:.2f} m",
+        }
+        for thing in things[:THINGS_SHOWN]
+    ]
+    dangerous = (
+        results["metrics"]["overall"]["things_dangerous"]["count"] if results["metrics"]["overall"] else 0
+    )
+    listed = sum(thing["dangerous"] for thing in things[:THINGS_SHOWN])
+    return {"rows": rows, "margin_m": margin_m, "dangerous": int(dangerous), "listed": listed,
+            "frames": len(again)}  # fmt: skip
+
+
+def _state(thing: Mapping[str, Any], margin_m: float) -> str:
+    """What the map makes of a thing, in words."""
+    if thing["missed"]:
+        return "missed, and called free" if thing["free_cells"] else "missed, left unknown"
+    if thing["dangerous"]:
+        return "reaches out of its marks, and beyond the margin"
+    return "reaches out of its marks, within the margin" if margin_m else "reaches out of its marks"
 
 
 CARDS = ("things_missed", "things_dangerous", "corridor_missed", "false_stops", "free_beyond_margin_near",
@@ -259,10 +314,8 @@ def _size(row: Mapping[str, Any]) -> str:
 
 
 def _map_colors() -> dict[str, str]:
-    unknown, *colors = (f"#{r:02x}{g:02x}{b:02x}" for r, g, b in MAP_COLORS.tolist())
-    names: Sequence[str] = ("grass", "obstacle", "person")
-    shown = dict(zip(names, colors, strict=True)) | {"unknown": unknown}
-    return shown | {"missed, tied to the nearest found cell": "#d6333a"}
+    colors = (f"#{r:02x}{g:02x}{b:02x}" for r, g, b in COLOR_OF_CLASS[1:].tolist())
+    return dict(zip(("grass", "obstacle", "person"), colors, strict=True)) | {"unknown": "var(--unknown)"}
 
 
 def _markup(html: str) -> str:

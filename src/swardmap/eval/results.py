@@ -67,6 +67,17 @@ def results(
     }
 
 
+def margin_for(plan: Plan, records: Sequence[Record], options: MarginOptions) -> dict[str, Any]:
+    """The section `margin` alone, for another promise.
+
+    Args:
+        plan: that the records are of.
+        records: of all frames.
+        options: what the margin shall promise.
+    """
+    return margin_section(plan, [r for r in records if "error" not in r], options)
+
+
 def groups_of(records: Sequence[Record]) -> dict[str, dict[str, list[Record]]]:
     """Records by tag and value, for tags with few values; in the order of tags and values."""
     tags = sorted({tag for r in records for tag in r["tags"]})

@@ -3,6 +3,7 @@
 OUT/plan.json            what is evaluated; another plan is refused in the same folder
 OUT/parts/A-B.jsonl      records of the frames A..B-1, each file complete or not there at all
 OUT/results.json, ...    what follows from the records; see `results` and `report`
+OUT/more/                recordings that were added later; see `gathered`
 
 A part is written under its name only when it is whole, and the numbers come from the parts on the disk in
 the order of the frames. So a run that was killed goes on where it was, loses nothing and counts nothing
@@ -138,6 +139,11 @@ def read_plan(out: Path) -> tuple[Plan, int]:
         raise InputError(f"{out}: expected {what} ({error})") from error
     with reading(out, what):
         return Plan.from_json(json.dumps(plain["plan"])), int(plain["frames"])
+
+
+def is_finished(out: Path, total: int) -> bool:
+    """Whether every part of a run is there, with every frame."""
+    return all(_is_whole(out, part) for part in parts_of(total))
 
 
 def _prepare(plan: Plan, out: Path, overwrite: bool) -> int:

@@ -91,6 +91,8 @@ def map_view(grid: OccupancyGrid, costmap: Costmap | None, album: Album) -> dict
         "image": {"x": x_min, "y": -(y_min + rows * edge), "width": columns * edge, "height": rows * edge},
         "view": {"x": low_x, "y": -high_y, "width": high_x - low_x, "height": high_y - low_y},
         "way": " ".join(f"{x:.2f},{-y:.2f}" for x, y in album.way_m),
+        "ties": "",
+        "things": [],
         "joined": step,
         "resolution_m": grid.spec.resolution_m,
     }
