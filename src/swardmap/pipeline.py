@@ -153,6 +153,11 @@ class ObstacleMapper:
         Raises:
             SwardmapError: as `step`.
         """
+        if not isinstance(segmentation, Segmentation):
+            raise InvalidValueError(
+                f"segmenter '{getattr(self.segmenter, 'name', type(self.segmenter).__name__)}': expected a "
+                f"Segmentation, got {type(segmentation).__name__}; return Segmentation(labels, label_set)"
+            )
         self._check_clock(frame)
         T_map_camera = self._pose_of(frame)
         spec = self._window(frame.intrinsics, T_map_camera)

@@ -8,7 +8,11 @@ from swardmap.types import Frame, Segmentation
 
 @runtime_checkable
 class Segmenter(Protocol):
-    """Gives each pixel of a frame a class. One instance serves one thread: it keeps its buffers."""
+    """Gives each pixel of a frame a class. One instance serves one thread: it keeps its buffers.
+
+    One that several threads may call at once says so by `concurrent = True`; frames of a recording are then
+    segmented side by side.
+    """
 
     @property
     def name(self) -> str:

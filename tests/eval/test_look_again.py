@@ -24,12 +24,12 @@ OBSTACLE, GRASS, UNKNOWN = int(MapClass.OBSTACLE), int(MapClass.GRASS), int(MapC
 
 def seen(predicted: dict[int, int], cells: list[int]) -> SeenThing:
     """A thing on the cells of row 0, with what is predicted there."""
-    maps = [OccupancyGrid(SPEC, np.full(SPEC.shape, GRASS, np.uint8)) for _ in range(2)]
-    maps[0].classes[0, cells] = OBSTACLE
+    truth, map_ = (OccupancyGrid(SPEC, np.full(SPEC.shape, GRASS, np.uint8)) for _ in range(2))
+    truth.classes[0, cells] = OBSTACLE
     for column, value in predicted.items():
-        maps[1].classes[0, column] = value
+        map_.classes[0, column] = value
     thing = TrueThing("post", "20-50 cm", 0, np.array(cells))
-    (found,) = seen_things(compare_maps(*maps), [thing], CAMERA)
+    (found,) = seen_things(compare_maps(truth, map_), [thing], CAMERA)
     return found
 
 

@@ -102,8 +102,9 @@ def map_command(
             stack.enter_context(until_stopped(given))
         bar = stack.enter_context(Progress("mapping", "mapped", given.frame_count, as_json))
         run = map_recording(
-            given, out, chosen, overwrite=overwrite, on_step=bar.step, strict=strict, notes=notes
-        )
+            given, out, chosen, overwrite=overwrite, on_step=bar.step, strict=strict, notes=notes,
+            ahead=not live,
+        )  # fmt: skip
     print(json.dumps(run.summary, indent=2) if as_json else report(run.summary, out))
     tell_how_it_ended(given, live, run.totals.frames, out)
 

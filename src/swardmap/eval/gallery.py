@@ -39,7 +39,8 @@ def frame_views(again: Sequence[tuple[int, FrameAgain]], margin_m: float) -> lis
         again: index and frame, the worst first.
         margin_m: that marks are grown by.
     """
-    views, size = [], 0
+    views: list[dict[str, Any]] = []
+    size = 0
     for index, seen in again:
         view = frame_view(index, seen, margin_m)
         size += _size(view)

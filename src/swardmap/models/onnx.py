@@ -6,6 +6,7 @@ comparison.
 """
 
 import os
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from swardmap.types import Frame, Segmentation
 
 Float32Array = NDArray[np.float32]
 
+CPU_PROVIDER = "CPUExecutionProvider"
 MOST_THREADS = 4
 """More are taken only where they are asked for."""
 
@@ -32,14 +34,17 @@ class OnnxSegmenter:
     Attributes:
         spec: what the file says about itself.
         provider: the ONNX Runtime execution provider that really runs it.
+        concurrent: several threads may call it at once; each has an input buffer of its own.
     """
 
-    def __init__(self, path: Path, threads: int = 0, provider: str = "CPUExecutionProvider") -> None:
+    concurrent = True
+
+    def __init__(self, path: Path, threads: int = 0, provider: str = CPU_PROVIDER) -> None:
         self._session = _open_session(path, threads, provider)
         self.spec = _read_spec(self._session, path)
         self.provider = provider
         self._input = _input_name(self._session, self.spec, path)
-        self._buffer = np.zeros((1, 3, self.spec.height, self.spec.width), np.float32)
+        self._own = threading.local()
         _check_output(self._logits_of_buffer, self.spec, path)
 
     @property
@@ -54,7 +59,7 @@ class OnnxSegmenter:
 
     def __call__(self, frame: Frame) -> Segmentation:
         """Classes of the frame with calibrated probabilities, at the network's size."""
-        preprocess(frame.rgb, self.spec, self._buffer)
+        preprocess(frame.rgb, self.spec, self._buffer())
         return segmentation_of(self._logits_of_buffer(), self.spec)
 
     def segment(self, rgb: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], Float32Array]:
@@ -66,11 +71,18 @@ class OnnxSegmenter:
         Returns:
             (h, w) uint8 class ids and (h, w) float32, h x w being the network's output size.
         """
-        preprocess(rgb, self.spec, self._buffer)
+        preprocess(rgb, self.spec, self._buffer())
         return decide(self._logits_of_buffer(), self.spec)
 
+    def _buffer(self) -> Float32Array:
+        """The input of this thread."""
+        kept: Float32Array | None = getattr(self._own, "buffer", None)
+        if kept is None:
+            kept = self._own.buffer = np.zeros((1, 3, self.spec.height, self.spec.width), np.float32)
+        return kept
+
     def _logits_of_buffer(self) -> Float32Array:
-        outputs: list[Float32Array] = self._session.run(None, {self._input: self._buffer})
+        outputs: list[Float32Array] = self._session.run(None, {self._input: self._buffer()})
         return outputs[0]
 
 

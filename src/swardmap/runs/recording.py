@@ -7,6 +7,7 @@ run = map_recording("my_recording", out="my_map")
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -20,11 +21,12 @@ from swardmap.io.door import frames_of
 from swardmap.mapping.costmap import Costmap
 from swardmap.mapping.work_area import WorkArea, work_area_in
 from swardmap.pipeline import ObstacleMapper, StepResult, configured_mount
+from swardmap.runs.ahead import in_order, may_run_at_once, network_plan
 from swardmap.runs.bounds import Bounds
 from swardmap.runs.frame_check import FrameCheck
 from swardmap.runs.summary import RunTotals, summarise, warnings_of
 from swardmap.segmenter import Segmenter
-from swardmap.types import Frame
+from swardmap.types import Frame, Segmentation
 
 OnStep = Callable[[StepResult], None]
 
@@ -55,6 +57,7 @@ def map_recording(
     on_step: OnStep | None = None,
     strict: bool = False,
     notes: Sequence[str] = (),
+    ahead: bool = True,
 ) -> MapRun:
     """Map a recording, and write the results if `out` is given.
 
@@ -68,6 +71,8 @@ def map_recording(
         on_step: called after each frame, for progress or display.
         strict: stop at the first frame that the node's watchdog would refuse, in place of leaving it out.
         notes: what the caller knows of the settings; stands among the notes of the summary.
+        ahead: read and segment frames while earlier ones are mapped, in threads (see `runs.ahead`); the map
+            is the same. False for a live camera, whose frames are not there yet.
 
     Raises:
         InputError: if the recording cannot be read, or holds no frame that can be mapped.
@@ -75,7 +80,7 @@ def map_recording(
     """
     config = config or Config()
     if out is None:
-        return _mapped(recording, config, segmenter, None, on_step, strict, notes)
+        return _mapped(recording, config, segmenter, None, on_step, strict, notes, ahead)
     from swardmap.io.files import refuse_to_replace
     from swardmap.io.folders import new_output_folder
 
@@ -84,7 +89,7 @@ def map_recording(
     interrupted = False
     with new_output_folder(out, overwrite) as folder:
         try:
-            run = _mapped(recording, config, segmenter, folder, on_step, strict, notes)
+            run = _mapped(recording, config, segmenter, folder, on_step, strict, notes, ahead)
         except _InterruptedError as stop:
             run, interrupted = stop.run, True
     if interrupted:
@@ -113,6 +118,21 @@ def build_mapper(
     return ObstacleMapper(segmenter, config, configured_mount(config.mount), zone_layers(config), saved)
 
 
+def _segmenter_for(
+    given: Segmenter | None, config: Config, source: FrameSource, ahead: bool
+) -> tuple[Segmenter, int | None]:
+    """The segmenter of a recording, and how many frames it takes at once; None = nothing runs ahead."""
+    from swardmap.models import build_segmenter
+
+    workers, threads = network_plan(config.segmenter)
+    if given is None:
+        one = replace(config.segmenter, threads=threads) if ahead else config.segmenter
+        given = build_segmenter(one, source.label_set)
+    if not ahead:
+        return given, None
+    return given, workers if may_run_at_once(given) else 0
+
+
 class _InterruptedError(Exception):
     """Ctrl-C after at least one frame; carries what was finished."""
 
@@ -129,13 +149,12 @@ def _mapped(
     on_step: OnStep | None,
     strict: bool,
     said: Sequence[str],
+    ahead: bool,
 ) -> MapRun:
-    from swardmap.models import build_segmenter
-
     source = recording
     if isinstance(source, (str, Path)):
         source = open_source(source, config)
-    segmenter = segmenter or build_segmenter(config.segmenter, source.label_set)
+    segmenter, workers = _segmenter_for(segmenter, config, source, ahead)
     writer = None
     if folder is not None:
         from swardmap.runs.files import RunWriter
@@ -153,7 +172,7 @@ def _mapped(
         if on_step is not None:
             on_step(step)
 
-    interrupted = not _ended(map_steps(source, mapper, mount, check), add, totals)
+    interrupted = not _ended(map_steps(source, mapper, mount, check, workers), add, totals)
     if totals.frames == 0:
         faults = ", ".join(f"{n} x {fault}" for fault, n in check.faults.items())
         raise InputError(f"{source.name}: no frame can be mapped, all are faulty ({faults})")
@@ -189,6 +208,7 @@ def map_steps(
     mapper: ObstacleMapper,
     mount: dict[str, str] | None = None,
     check: FrameCheck | None = None,
+    workers: int | None = None,
 ) -> Iterator[StepResult]:
     """Map the frames of a source one by one, as `map_recording` does.
 
@@ -197,18 +217,37 @@ def map_steps(
         mapper: gets the mount measured from the first frame without a pose, where none is configured.
         mount: takes under `source` where the mount came from.
         check: counts the frames that are not mapped, since the node's watchdog would refuse them.
+        workers: frames that are segmented at once, ahead of the map; 0 = they are read ahead only, None =
+            one thread does everything.
 
     Raises:
         InputError: if there is no frame, or frames with poses are of more than one scene.
     """
-    frames = frames_of(source, source.name)
-    first = next(frames, None)
-    if first is None:
-        raise InputError(f"{source.name} holds no frame that can be mapped{_reasons(source)}")
-    mount = {} if mount is None else mount
-    check = check or FrameCheck(mapper.config.watchdog)
-    fit = (f for f in _chain(first, frames) if check.is_fit(f, mapper.T_base_camera))
-    return _within_bounds(mapper.run(_mounted(fit, mapper, mount)), mapper)
+    where = {} if mount is None else mount
+    looks = check or FrameCheck(mapper.config.watchdog)
+
+    def read() -> Iterator[Frame]:
+        fit = (f for f in _of_one_world(source) if looks.is_fit(f, mapper.T_base_camera))
+        return _mounted(fit, mapper, where)
+
+    steps = mapper.run(read()) if workers is None else _run_ahead(read, mapper, workers)
+    return _within_bounds(steps, mapper)
+
+
+def _run_ahead(
+    read: Callable[[], Iterator[Frame]], mapper: ObstacleMapper, workers: int
+) -> Iterator[StepResult]:
+    """The same as `mapper.run`, with frames read and segmented while those before them are mapped."""
+
+    def segment(frame: Frame) -> tuple[Segmentation, float]:
+        started = perf_counter()
+        return mapper.segmenter(frame), perf_counter() - started
+
+    for frame, (segmentation, segment_s) in in_order(read, segment, workers):
+        started = perf_counter()
+        step = mapper.integrate(frame, segmentation)
+        stages = {"segment": segment_s, "map": perf_counter() - started}
+        yield replace(step, timings_ms={name: 1e3 * seconds for name, seconds in stages.items()})
 
 
 def _within_bounds(steps: Iterator[StepResult], mapper: ObstacleMapper) -> Iterator[StepResult]:
@@ -223,17 +262,20 @@ def _within_bounds(steps: Iterator[StepResult], mapper: ObstacleMapper) -> Itera
         yield step
 
 
-def _chain(first: Frame, rest: Iterator[Frame]) -> Iterator[Frame]:
+def _of_one_world(source: FrameSource) -> Iterator[Frame]:
     """All frames, as long as they are of one world: poses of two scenes do not go into one map."""
-    yield first
-    scene = first.tags.get("scene")
-    for frame in rest:
+    scene, count = None, 0
+    for count, frame in enumerate(frames_of(source, source.name), start=1):
+        if count == 1:
+            scene = frame.tags.get("scene")
         if frame.T_map_camera is not None and frame.tags.get("scene") != scene:
             raise InputError(
                 f"frame {frame.name} is of scene '{frame.tags.get('scene')}', the map of scene '{scene}': "
                 "each scene has a world of its own; map them one by one"
             )
         yield frame
+    if not count:
+        raise InputError(f"{source.name} holds no frame that can be mapped{_reasons(source)}")
 
 
 def _mounted(frames: Iterator[Frame], mapper: ObstacleMapper, mount: dict[str, str]) -> Iterator[Frame]:
