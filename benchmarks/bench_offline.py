@@ -42,7 +42,7 @@ def measured(times: int, config: Config, ahead: bool) -> tuple[float, float]:
     """Frames a second, and processor seconds a frame."""
     source = Repeated(times, open_source(RECORDING))
     wall, processor = time.perf_counter(), time.process_time()
-    frames = map_recording(source, config=config, ahead=ahead).totals.frames  # type: ignore[arg-type]
+    frames = map_recording(source, config=config, ahead=ahead).totals.frames
     wall, processor = time.perf_counter() - wall, time.process_time() - processor
     return frames / wall, processor / frames
 

@@ -14,6 +14,7 @@ line and exits with 1; anything else that reaches the command line is a bug and 
 """
 
 import importlib
+import re
 from types import ModuleType
 
 
@@ -62,10 +63,31 @@ def one_line(error: object, limit: int = MAX_MESSAGE) -> str:
     """What an error says, or its kind if it says nothing, in one line of at most `limit` letters."""
     text = " ".join(str(error).split()) or type(error).__name__
     text = "".join(c if c.isprintable() else "?" for c in text)
+    if limit >= MAX_MESSAGE:
+        text = _shorter_values(text, limit)
     if len(text) <= limit:
         return text
-    tail = 2 * limit // 5 if limit >= MAX_MESSAGE else 0  # where a message says what to do
+    tail = _remedy(text, limit) if limit >= MAX_MESSAGE else 0
     return f"{text[: limit - tail - 4]} ...{text[len(text) - tail :]}"
+
+
+LONG_VALUE = re.compile(r"'[^']{51,}'|\"[^\"]{51,}\"|\S{51,}")
+"""What a message shows of the outside: quoted, or a path, a URL, a list without blanks."""
+
+
+def _shorter_values(text: str, limit: int) -> str:
+    """The message with long values cut in their middle, the longest first, as far as it takes."""
+    while len(text) > limit and (found := max(LONG_VALUE.findall(text), key=len, default="")):
+        text = text.replace(found, f"{found[:22]} ... {found[-22:]}", 1)
+    return text
+
+
+def _remedy(text: str, limit: int) -> int:
+    """Letters at the end that say what to do: they stay whole, if half of the line is enough for them."""
+    ends = [
+        len(text) - at - 1 for mark in (";", ". ", ":") if (at := text.rfind(mark, 0, len(text) - 20)) >= 0
+    ]
+    return next((tail for tail in ends if tail <= limit // 2), 2 * limit // 5)
 
 
 def shortened(value: object, limit: int = 80) -> str:

@@ -92,6 +92,8 @@ def test_a_map_goes_on_where_it_ended(recording: Path, tmp_path: Path) -> None:
     assert mapped(recording, tmp_path / "first", *evidence, *flags("source.stop=4")) == 0
     living = tmp_path / "first/living.npz"
     assert mapped(recording, tmp_path / "rest", "--resume-map", str(living), *flags("source.start=4")) == 0
+    (note,) = json.loads((tmp_path / "rest/summary.json").read_text())["notes"]
+    assert note.startswith("--resume-map goes on as grid.mode log_odds; the settings say last")
     whole, rest = read_map(tmp_path / "whole/map.yaml"), read_map(tmp_path / "rest/map.yaml")
     first = read_map(tmp_path / "first/map.yaml")
     assert whole.spec == rest.spec

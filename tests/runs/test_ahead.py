@@ -142,7 +142,7 @@ def test_a_segmenter_that_gives_a_bare_array_is_one_clear_line() -> None:
     class Bare:
         name, label_set = "bare", build_segmenter(SegmenterConfig(name="colour")).label_set
 
-        def __call__(self, frame: Frame) -> np.ndarray:  # type: ignore[type-arg]
+        def __call__(self, frame: Frame) -> np.ndarray:
             return np.zeros(frame.rgb.shape[:2], np.uint8)
 
     with pytest.raises(InvalidValueError, match=r"'bare': expected a Segmentation, got ndarray; return Segm"):

@@ -95,6 +95,19 @@ def test_a_jump_of_the_poses_is_refused_before_it_costs_memory() -> None:
     assert summary(Drive({2: (600.0, 600.0, 0.0)}), **fixed)["frames"] == 4
 
 
+def test_a_voxel_grid_that_leaves_too_few_points_is_said() -> None:
+    found = summary(Drive())
+    assert "voxel" not in " ".join(found["warnings"])
+    found["config"]["cloud"]["voxel_m"] = 0.05
+    warning = next(line for line in warnings_of(found) if "voxel" in line)
+    assert (
+        "cloud.voxel_m of 0.05 m leaves about 1 of the points of a cell, and 3 of lawn are needed" in warning
+    )
+    assert "make it 0.017 m or less" in warning
+    found["config"]["cloud"]["voxel_m"] = 0.017
+    assert "voxel" not in " ".join(warnings_of(found))
+
+
 def test_warnings_of_nothing() -> None:
     found = summary(Drive())
     assert warnings_of(found | {"pixels": {}, "map": None, "frames_without_pose": 4}) == []

@@ -14,8 +14,10 @@ from swardmap.cli.options import (
     ConfigFile,
     Json,
     Overwrite,
+    Provider,
     Settings,
     meanings,
+    provider_name,
     settings,
     tell_guesses,
 )
@@ -34,7 +36,16 @@ An interrupted run goes on where it was: give the same command again.
 """
 
 
-OF_THE_RUN = ("segmenter", "resolution", "protocol", "judged_margin", "pose_noise", "budget", "config")
+OF_THE_RUN = (
+    "segmenter",
+    "provider",
+    "resolution",
+    "protocol",
+    "judged_margin",
+    "pose_noise",
+    "budget",
+    "config",
+)
 """Options that a recording that is added takes from the run."""
 
 
@@ -48,6 +59,7 @@ def evaluate_command(
         str | None, typer.Option("--format", help="Kind of recording, if it is not recognised.")
     ] = None,
     segmenter: Annotated[str | None, typer.Option(help="auto, colour, truth, or an .onnx file.")] = None,
+    provider: Provider = None,
     clean: Annotated[
         Path | None, typer.Option(help="The same recording with clean depth, for the error budget.")
     ] = None,
@@ -101,7 +113,9 @@ def evaluate_command(
     """Compare maps with their truth: the paper's tables, d_min-obst, an error budget, a proven margin."""
     if more:
         _refuse_own_settings(context, set_ or [], overwrite)
-    flags = {"source.format": kind, "segmenter.name": segmenter}
+    flags = {
+        "source.format": kind, "segmenter.name": segmenter, "segmenter.provider": provider_name(provider),
+    }  # fmt: skip
     named = [f"{key}={json.dumps(value)}" for key, value in flags.items() if value is not None]
     chosen = settings(config, [*(set_ or []), *named])
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from swardmap.cli.live import Duration, Frames, tell_how_it_ended, until_stopped
-from swardmap.cli.options import ConfigFile, Json, Overwrite, Settings, settings
+from swardmap.cli.options import ConfigFile, Json, Overwrite, Provider, Settings, provider_name, settings
 from swardmap.cli.progress import Progress
 from swardmap.config import Config, config_to_dict
 from swardmap.errors import InputError
@@ -38,6 +38,7 @@ def map_command(
         str | None, typer.Option("--format", help="Kind of recording, if it is not recognised.")
     ] = None,
     segmenter: Annotated[str | None, typer.Option(help="auto, colour, truth, or an .onnx file.")] = None,
+    provider: Provider = None,
     resolution: Annotated[float | None, typer.Option(help="Edge of a map cell in metres.")] = None,
     margin: Annotated[
         float | None, typer.Option(help="Margin in metres that obstacles are grown by.")
@@ -68,7 +69,8 @@ def map_command(
 ) -> None:
     """Turn a recording into an obstacle map that Nav2 reads: map, costmap, clouds, pictures, summary."""
     flags = {
-        "source.format": kind, "segmenter.name": segmenter, "grid.resolution_m": resolution,
+        "source.format": kind, "segmenter.name": segmenter, "segmenter.provider": provider_name(provider),
+        "grid.resolution_m": resolution,
         "costmap.margin_m": margin, "output.pictures": pictures, "output.clouds": clouds,
         **({} if resume_map is None else {"grid.mode": "log_odds", "grid.resume": str(resume_map)}),
     }  # fmt: skip
@@ -78,6 +80,7 @@ def map_command(
         *(f"{key}={json.dumps(value)}" for key, value in flags.items() if value is not None),
     ]
     chosen = settings(config, overrides)
+    resumed = [] if resume_map is None else _mode_notes(settings(config, set_ or []), chosen)
 
     if len(sources) > 1:
         if frames or duration or resume_map:
@@ -97,6 +100,7 @@ def map_command(
         refuse_to_replace(source, out)
     given = LimitedSource(open_source(source, chosen), frames, duration)
     notes = [] if config is None else margin_notes(config, config_to_dict(chosen), segmenter_title(chosen))
+    notes += resumed
     with ExitStack() as stack:
         if live:  # a recording that is stopped is an interrupted run; a camera has no other end
             stack.enter_context(until_stopped(given))
@@ -107,6 +111,12 @@ def map_command(
         )  # fmt: skip
     print(json.dumps(run.summary, indent=2) if as_json else report(run.summary, out))
     tell_how_it_ended(given, live, run.totals.frames, out)
+
+
+def _mode_notes(asked: Config, chosen: Config) -> list[str]:
+    """What --resume-map changed of the settings."""
+    before, now = asked.grid.mode, chosen.grid.mode
+    return [] if before == now else [f"--resume-map goes on as grid.mode {now}; the settings say {before}"]
 
 
 def _map_many(

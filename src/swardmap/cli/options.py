@@ -31,12 +31,30 @@ Classes = Annotated[
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON, for programs.")]
+Provider = Annotated[
+    str | None,
+    typer.Option(
+        "--provider", help="What runs the network: cpu, openvino, cuda, or a provider of ONNX Runtime."
+    ),
+]
+PROVIDERS = {
+    "cpu": "CPUExecutionProvider", "openvino": "OpenVINOExecutionProvider", "cuda": "CUDAExecutionProvider",
+}  # fmt: skip
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace OUT if swardmap made it.")]
 
 
 def settings(file: Path | None, overrides: list[str]) -> Config:
     """The configuration of a command: defaults < file < environment < --set."""
     return load_config(file, os.environ, overrides)
+
+
+def provider_name(word: str | None) -> str | None:
+    """ONNX Runtime's name of a provider; its own names are taken as they are.
+
+    >>> provider_name("openvino"), provider_name("DmlExecutionProvider")
+    ('OpenVINOExecutionProvider', 'DmlExecutionProvider')
+    """
+    return None if word is None else PROVIDERS.get(word.lower(), word)
 
 
 def meanings(words: Iterable[str]) -> dict[str, str]:

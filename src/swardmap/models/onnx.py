@@ -188,7 +188,8 @@ def _open_session(path: Path, threads: int, provider: str) -> Any:
     if provider not in available:
         raise ConfigError(
             f"execution provider {provider}: this ONNX Runtime offers {', '.join(available)}; "
-            "choose one, or install the build that has it (such as onnxruntime-gpu)"
+            "choose one, or install the build that has it in place of onnxruntime (onnxruntime-openvino, "
+            "onnxruntime-gpu)"
         )
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = threads or default_threads()

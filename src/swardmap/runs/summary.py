@@ -153,6 +153,7 @@ def warnings_of(summary: Mapping[str, Any]) -> list[str]:
                 f"{100 * pixels[name] / readings:.0f} % of the readings are {name.replace('_', ' ')}: check "
                 f"{setting}, the depth unit, and the pose of the camera"
             )
+    found += _thinned(summary["config"])
     refused = summary["watchdog"]["refused"]
     if refused > MOST * (refused + summary["frames"]):
         why = ", ".join(f"{n} x {fault}" for fault, n in summary["watchdog"]["faults"].items())
@@ -179,6 +180,20 @@ def warnings_of(summary: Mapping[str, Any]) -> list[str]:
     if "flipped" in summary["watchdog"]["faults"]:
         found.append("images fit the ground only upside down: turn the camera, or correct its pose")
     return found
+
+
+def _thinned(config: Mapping[str, Any]) -> list[str]:
+    """That a voxel grid leaves too few points in a cell to clear it."""
+    cloud, grid = config["cloud"], config["grid"]
+    voxel_m, edge_m, needed = cloud["voxel_m"], grid["resolution_m"], grid["min_grass_points"]
+    if not voxel_m or (edge_m / voxel_m) ** 2 >= needed:
+        return []
+    left, enough_m = max(1, round((edge_m / voxel_m) ** 2)), edge_m / needed
+    text = (
+        f"cloud.voxel_m of {voxel_m:g} m leaves about {left} of the points of a cell, and {needed} of lawn "
+        f"are needed to clear it: make it {enough_m:.2g} m or less, or lower grid.min_grass_points"
+    )
+    return [text]
 
 
 def _camera_frame(source: Mapping[str, Any]) -> str:
