@@ -85,7 +85,22 @@ def test_what_is_not_sure_is_void_and_never_grass() -> None:
     assert replace(mask, confidence=None).confident(0.9).labels.tolist() == [[1, 1, 1, 1]]
 
 
+def test_of_an_unfamiliar_image_no_grass_is_sure_and_every_obstacle_stays() -> None:
+    confidence = np.array([[0.9, 0.9, 0.9]], np.float32)
+    mask = Segmentation(np.array([[1, 0, 2]], np.uint8), GRASS_OBSTACLE_PERSON, confidence, unfamiliar=1.2)
+    assert mask.confident(0.0, 1.0).labels.tolist() == [[VOID_ID, 0, 2]]
+    assert replace(mask, confidence=None).confident(0.5, 1.0).labels.tolist() == [[VOID_ID, 0, 2]]
+    assert mask.resized_to(2, 6).confident(0.0, 1.0).labels[:, :2].tolist() == [[VOID_ID] * 2] * 2
+    assert mask.confident(0.0, 1.2) is mask  # as far as it may be
+    assert mask.confident(0.0, None) is mask
+    assert replace(mask, unfamiliar=None).confident(0.0, 0.0).labels.tolist() == [[1, 0, 2]]
+    assert replace(mask, unfamiliar=np.inf).is_unfamiliar(1e9)
+
+
 def test_masks_and_clouds_are_checked() -> None:
+    for strange in (np.nan, -0.1):
+        with pytest.raises(InvalidValueError, match="expected unfamiliar of 0 or more"):
+            Segmentation(np.zeros((2, 3), np.uint8), GRASS_OBSTACLE_PERSON, unfamiliar=strange)
     with pytest.raises(InvalidValueError, match=r"\(h, w\)"):
         Segmentation(np.zeros((0, 3), np.uint8), GRASS_OBSTACLE_PERSON)
     with pytest.raises(InvalidValueError, match="confidence"):

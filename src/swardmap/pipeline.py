@@ -166,7 +166,8 @@ class ObstacleMapper:
             self._ground = GroundPlane.of(seen.ground, spec, seen.viewpoint_m)
         if frame.T_map_camera is not None:
             self._map_in(T_map_camera.parent).integrate(seen)
-        sure = segmentation.confident(self.config.segmenter.min_confidence)
+        config = self.config
+        sure = segmentation.confident(config.segmenter.min_confidence, config.watchdog.unfamiliar)
         return StepResult(frame, sure, T_map_camera, seen)
 
     def run(self, frames: Iterable[Frame]) -> Iterator[StepResult]:

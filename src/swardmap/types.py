@@ -1,5 +1,6 @@
 """The few array-carrying types that every stage speaks; frozen, and validated when built."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
@@ -86,12 +87,15 @@ class Segmentation:
         confidence: (h, w) float32 probability of the class given, or None if the segmenter has none.
         hazard: (h, w) uint8 P(obstacle or person) in 255ths, or None: it then follows from the label and its
             confidence (`hazard_255`).
+        unfamiliar: how far the image is from those that the segmenter knows, 1 = as far as it may be; None if
+            the segmenter cannot tell.
     """
 
     labels: NDArray[np.uint8]
     label_set: LabelSet
     confidence: NDArray[np.float32] | None = None
     hazard: NDArray[np.uint8] | None = None
+    unfamiliar: float | None = None
 
     def __post_init__(self) -> None:
         shape = self.labels.shape
@@ -102,6 +106,10 @@ class Segmentation:
             _check_array("segmentation: confidence", self.confidence, shape, (np.float32,))
         if self.hazard is not None:
             _check_array("segmentation: hazard", self.hazard, shape, (np.uint8,))
+        if self.unfamiliar is not None and (math.isnan(self.unfamiliar) or self.unfamiliar < 0):
+            raise InvalidValueError(
+                f"segmentation: expected unfamiliar of 0 or more, or None, got {self.unfamiliar}"
+            )
 
     @property
     def map_classes(self) -> NDArray[np.uint8]:
@@ -123,19 +131,28 @@ class Segmentation:
         left = 1 - np.nan_to_num(self.confidence.astype(np.float64), nan=0.0)
         return np.maximum(hard, np.clip(np.rint(255 * left), 0, 255).astype(np.uint8))
 
-    def unsure(self, threshold: float) -> NDArray[np.bool_] | None:
+    def is_unfamiliar(self, limit: float | None) -> bool:
+        """Whether the image is none that the segmenter knows; never if it cannot tell, or without a limit."""
+        return limit is not None and self.unfamiliar is not None and self.unfamiliar > limit
+
+    def unsure(self, threshold: float, limit: float | None = None) -> NDArray[np.bool_] | None:
         """(h, w) bool: grass that is not called so with `threshold`; None = there is none.
 
-        Doubt never takes away what is called obstacle or person.
+        Of an image that is unfamiliar by `limit` all grass is. Doubt never takes away what is called obstacle
+        or person.
         """
-        if self.confidence is None or threshold <= 0:
+        strange = self.is_unfamiliar(limit)
+        if not strange and (self.confidence is None or threshold <= 0):
             return None
+        grass = self.map_classes == MapClass.GRASS
+        if strange or self.confidence is None:
+            return np.asarray(grass)
         sure = self.confidence >= np.float32(threshold)  # NaN compares false: not sure
-        return np.asarray((self.map_classes == MapClass.GRASS) & ~sure)
+        return np.asarray(grass & ~sure)
 
-    def confident(self, threshold: float) -> "Segmentation":
-        """The same masks with every pixel of grass below `threshold` set to void: not seen, never free."""
-        unsure = self.unsure(threshold)
+    def confident(self, threshold: float, limit: float | None = None) -> "Segmentation":
+        """The same masks with every pixel of grass that is `unsure` set to void: not seen, never free."""
+        unsure = self.unsure(threshold, limit)
         if unsure is None:
             return self
         return replace(self, labels=np.where(unsure, np.uint8(VOID_ID), self.labels))
@@ -148,7 +165,7 @@ class Segmentation:
         columns = nearest_indices(width, self.labels.shape[1])[None, :]
         confidence = None if self.confidence is None else self.confidence[rows, columns]
         hazard = None if self.hazard is None else self.hazard[rows, columns]
-        return Segmentation(self.labels[rows, columns], self.label_set, confidence, hazard)
+        return Segmentation(self.labels[rows, columns], self.label_set, confidence, hazard, self.unfamiliar)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,14 +12,14 @@ from hypothesis import strategies as st
 from swardmap.config import Config, WatchdogConfig, config_from_dict
 from swardmap.errors import InvalidValueError
 from swardmap.geometry import Intrinsics, mount_pose
-from swardmap.labels import MapClass
+from swardmap.labels import GRASS_OBSTACLE_PERSON, MapClass
 from swardmap.mapping.last_observed import LastObserved
 from swardmap.models.oracle import open_segmenter as open_oracle
 from swardmap.monitor.diagnostics import Fault, FrameStats, HealthReport, Severity, frame_stats
 from swardmap.monitor.watchdog import Watchdog
 from swardmap.pipeline import ObstacleMapper
 from swardmap.synth.analytic import StereoNoise, garden_scene, lane_poses, render, with_sensor_noise
-from swardmap.types import Frame
+from swardmap.types import Frame, Segmentation
 
 S = 1_000_000_000
 CAMERA = Intrinsics(160, 120, 115.0, 115.0, 79.5, 59.5)
@@ -290,6 +290,52 @@ def test_bad_frames_stay_out_of_the_map_from_the_first_on() -> None:
     assert dog.observe_frame("left", good[7])
     with pytest.raises(InvalidValueError, match="no camera 'middle'"):
         dog.observe_frame("middle", good[8])
+
+
+def masks(score: Callable[[int], float | None], **config: float | None) -> list[HealthReport]:
+    """A camera whose n-th frame has a mask that is unfamiliar by so much; checked after each."""
+    dog = Watchdog(["left", "right"], WatchdogConfig(pose_s=None, **config))  # type: ignore[arg-type]
+    labels, reports = np.ones((2, 2), np.uint8), []
+    pairs = zip(stream(8.0), stream(8.0, seed=1), strict=True)
+    for n, ((t, stats), (_, beside)) in enumerate(pairs):
+        for name, looked in (("left", stats), ("right", replace(beside, arrival_ns=t))):
+            dog.observe_frame(name, looked)
+        dog.observe_mask("left", Segmentation(labels, GRASS_OBSTACLE_PERSON, unfamiliar=score(n)), t)
+        dog.observe_mask("right", Segmentation(labels, GRASS_OBSTACLE_PERSON, unfamiliar=0.2), t)
+        reports.append(dog.check(t))
+    return reports
+
+
+def test_a_run_of_unfamiliar_images_is_named_and_single_ones_are_not() -> None:
+    reports = masks(lambda n: 1.1 if 60 <= n < 90 else 0.9)
+    named = [n for n, r in enumerate(reports) if r.faults("left") == {Fault.UNFAMILIAR}]
+    assert 60 + 6 <= named[0] <= 60 + 10  # half a second at 15 frames a second
+    assert named == list(range(named[0], 90))
+    assert all(reports[n].stop for n in named)
+    assert not any(r.of("right") for r in reports)
+    assert not reports[-1].stop, "taken back when it is over"
+    for now_and_then in (lambda n: 5.0 * (n % 5 == 0), lambda n: None, lambda n: 1.0):
+        assert not any(Fault.UNFAMILIAR in r.faults() for r in masks(now_and_then))
+
+
+def test_how_unfamiliar_an_image_may_be_is_a_setting() -> None:
+    assert Fault.UNFAMILIAR not in masks(lambda n: 9.0, unfamiliar=None)[-1].faults()
+    assert Fault.UNFAMILIAR not in masks(lambda n: 1.4, unfamiliar=1.5)[-1].faults()
+    assert Fault.UNFAMILIAR in masks(lambda n: 1.6, unfamiliar=1.5)[-1].faults()
+    assert Fault.UNFAMILIAR not in masks(lambda n: 2.0, unfamiliar_s=60.0)[-1].faults()
+
+
+def test_a_lens_that_is_black_now_and_unfamiliar_then_is_both() -> None:
+    dog = Watchdog(["left"], WatchdogConfig(pose_s=None))
+    strange = Segmentation(np.ones((2, 2), np.uint8), GRASS_OBSTACLE_PERSON, unfamiliar=3.0)
+    for n, (t, stats) in enumerate(stream(2.0)):
+        black = n % 2 == 0
+        assert dog.observe_frame("left", replace(stats, bright_level=0.0) if black else stats) is not black
+        if not black:  # black ones are not segmented
+            dog.observe_mask("left", strange, t)
+    assert Fault.UNFAMILIAR in dog.check(t).faults("left")
+    with pytest.raises(InvalidValueError, match="no camera 'middle'"):
+        dog.observe_mask("middle", strange, t)
 
 
 def test_frozen_images_can_be_allowed_for_simulators_that_stand_still() -> None:

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from swardmap.config import CloudConfig, Config, GeometryConfig, GridConfig, SegmenterConfig
+from swardmap.config import CloudConfig, Config, GeometryConfig, GridConfig, SegmenterConfig, WatchdogConfig
 from swardmap.errors import ConfigError
 from swardmap.geometry import Intrinsics, Pose, mount_pose
 from swardmap.grid import GridSpec
@@ -69,7 +69,8 @@ def random_mask(rng: np.random.Generator) -> Segmentation:
     hazard = rng.integers(0, 256, shape).astype(np.uint8) if rng.random() < 0.5 else None
     if confidence is not None:
         confidence[rng.random(shape) < 0.05] = np.nan
-    return Segmentation(labels, GRASS_OBSTACLE_PERSON, confidence, hazard)
+    unfamiliar = float(rng.choice([0.5, 2.0])) if rng.random() < 0.3 else None
+    return Segmentation(labels, GRASS_OBSTACLE_PERSON, confidence, hazard, unfamiliar)
 
 
 def random_view(rng: np.random.Generator, pose: Pose) -> GridSpec:
@@ -100,7 +101,8 @@ def random_config(rng: np.random.Generator) -> Config:
     k_mark, k_clear = (int(k) for k in rng.integers(1, 4, 2))
     grid = GridConfig(min_points=k_mark, min_grass_points=k_clear, clear_below=float(rng.random()))
     sure = SegmenterConfig(min_confidence=float(rng.choice([0.0, 0.5])))
-    return Config(cloud=cloud, geometry=geometry, grid=grid, segmenter=sure)
+    watchdog = WatchdogConfig(unfamiliar=1.0 if rng.random() < 0.8 else None)
+    return Config(cloud=cloud, geometry=geometry, grid=grid, segmenter=sure, watchdog=watchdog)
 
 
 def earlier_plane(rng: np.random.Generator, pose: Pose) -> GroundPlane | None:
@@ -181,6 +183,9 @@ STRICTER = {
     "min_confidence": lambda c, u: replace(
         c, segmenter=replace(c.segmenter, min_confidence=max(c.segmenter.min_confidence, u))
     ),
+    "watchdog.unfamiliar": lambda c, u: replace(
+        c, watchdog=replace(c.watchdog, unfamiliar=(c.watchdog.unfamiliar or 0) * u)
+    ),
     "min_points": lambda c, u: replace(c, grid=replace(c.grid, min_points=1)),
     "geometry.enabled": lambda c, u: replace(c, geometry=replace(c.geometry, enabled=True)),
     "geometry.min_points": lambda c, u: replace(c, geometry=replace(c.geometry, min_points=1)),
@@ -235,6 +240,32 @@ def test_more_doubt_never_frees_a_cell_and_never_takes_a_mark(seed: int) -> None
     before, after = (observe(frame, m, pose, spec, config) for m in (mask, more))
     assert not ((after.classes == MapClass.GRASS) & (before.classes != MapClass.GRASS)).any()
     assert not ((after.classes < MapClass.OBSTACLE) & (before.classes >= MapClass.OBSTACLE)).any()
+
+
+@pytest.mark.parametrize("backend", ["compiled", "plain"])
+def test_an_unfamiliar_image_clears_nothing_and_keeps_its_marks(
+    flat_lawn: tuple[Frame, Segmentation], backend: str
+) -> None:
+    frame, segmentation = flat_lawn
+    labels = segmentation.labels.copy()
+    labels[60:90, 60:90] = 0
+    assert frame.T_map_camera is not None
+    spec = GridSpec(0.1, 80, 80, (0.0, -4.0))
+
+    def seen(unfamiliar: float, limit: float | None = 1.0, clear_below: float = 1.0) -> NDArray[np.uint8]:
+        mask = replace(segmentation, labels=labels, unfamiliar=unfamiliar)
+        grid, watchdog = GridConfig(clear_below=clear_below), WatchdogConfig(unfamiliar=limit)
+        config = Config(backend=backend, grid=grid, watchdog=watchdog)
+        assert frame.T_map_camera is not None
+        return observe(frame, mask, frame.T_map_camera, spec, config).classes
+
+    for clear_below in (0.1, 1.0):
+        known, strange = seen(0.9, clear_below=clear_below), seen(1.1, clear_below=clear_below)
+        assert np.count_nonzero(known == MapClass.GRASS) > 500
+        assert not (strange == MapClass.GRASS).any()
+        np.testing.assert_array_equal(strange >= MapClass.OBSTACLE, known >= MapClass.OBSTACLE)
+        assert np.count_nonzero(strange >= MapClass.OBSTACLE) > 20
+        np.testing.assert_array_equal(seen(1.1, None, clear_below), known)  # switched off
 
 
 def lawn_seen(flat_lawn: tuple[Frame, Segmentation], **changes: object) -> Observation:

@@ -321,6 +321,24 @@ def test_while_paused_the_flag_is_stop_and_no_camera_is_blamed() -> None:
     assert not robot.run([1.7 + 0.05 * i for i in range(30)], start=66).stop
 
 
+def test_images_that_the_network_does_not_know_stop_the_robot_and_keep_nothing_free(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    robot = one_robot()
+    assert not recovered(robot, 0).stop
+    mapper = robot.pipeline.mapper
+    known = mapper.segmenter
+    monkeypatch.setattr(mapper, "segmenter", lambda frame: replace(known(frame), unfamiliar=1.5))
+    assert not robot.step(30, 1.5).stop, "one such image is no fault"
+    report = robot.run([1.5 + 0.05 * i for i in range(1, 30)], start=31)
+    assert report.faults() == report.faults("camera") == {Fault.UNFAMILIAR}
+    assert report.stop
+    assert free_cells(robot.pipeline) == 0
+    monkeypatch.setattr(mapper, "segmenter", known)
+    assert not recovered(robot, 60).stop
+    assert free_cells(robot.pipeline) > 0
+
+
 def test_a_network_that_fails_on_each_frame_stops_the_robot(monkeypatch: pytest.MonkeyPatch) -> None:
     robot = one_robot()
     assert not recovered(robot, 0).stop

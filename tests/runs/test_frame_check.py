@@ -14,13 +14,14 @@ from swardmap.config import WatchdogConfig, config_from_dict
 from swardmap.errors import InputError
 from swardmap.geometry import Intrinsics
 from swardmap.io.sources.folder import write_folder
-from swardmap.labels import MapClass
+from swardmap.labels import GRASS_OBSTACLE_PERSON, MapClass
 from swardmap.monitor.diagnostics import frame_stats
 from swardmap.monitor.watchdog import Watchdog
 from swardmap.runs.frame_check import FrameCheck, faults_of_records, looks_of
 from swardmap.runs.recording import MapRun, map_recording
+from swardmap.runs.summary import report_lines
 from swardmap.synth.analytic import AnalyticSource, garden_scene, lane_poses
-from swardmap.types import Frame
+from swardmap.types import Frame, Segmentation
 
 SMALL = Intrinsics(160, 120, 115.0, 115.0, 79.5, 59.5)
 TRUTH = config_from_dict({"segmenter": {"name": "truth"}, "output": {"pictures": 0}})
@@ -106,6 +107,48 @@ def test_strict_stops_at_the_first_and_all_faulty_is_an_error(tmp_path: Path) ->
         map_recording(Given(at(range(6), turned)), tmp_path / "out", TRUTH)
 
 
+class Doubter:
+    """The true labels, said to be unfamiliar in the frames of these names."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self.names, self.name, self.label_set = names, "doubter", GRASS_OBSTACLE_PERSON
+
+    def __call__(self, frame: Frame) -> Segmentation:
+        assert frame.labels is not None
+        assert frame.label_set is not None
+        strange = frame.name in self.names
+        return Segmentation(frame.labels, frame.label_set, unfamiliar=1.5 if strange else 0.5)
+
+
+def test_frames_that_the_network_does_not_know_are_counted_and_free_nothing(tmp_path: Path) -> None:
+    source = Given(list)
+    names = [f.name for f in source.frames]
+    assert len(set(names)) == 6
+    good = map_recording(Given(list), config=TRUTH)
+    found = map_recording(source, config=TRUTH, segmenter=Doubter(names[3:]))
+    assert found.summary["watchdog"] == {
+        "refused": 0, "faults": {"unfamiliar": 3}, "first": {"unfamiliar": names[3]},
+    }  # fmt: skip
+    assert found.summary["frames"] == 6
+    lines = report_lines(found.summary)
+    assert f"unfamiliar to the network: 3 frames cleared nothing (first: {names[3]})" in lines
+    assert not found.summary["warnings"]
+    half = map_recording(Given(lambda frames: frames[:3]), config=TRUTH)
+    assert cells(found, free=True) == cells(half, free=True) < cells(good, free=True)
+    all_strange = map_recording(Given(list), config=TRUTH, segmenter=Doubter(names))
+    assert cells(all_strange, free=True) == set()
+    assert "6 of 6 frames are unfamiliar to the network" in all_strange.summary["warnings"][0]
+    off = replace(TRUTH, watchdog=WatchdogConfig(unfamiliar=None))
+    unasked = map_recording(Given(list), config=off, segmenter=Doubter(names))
+    assert unasked.summary["watchdog"]["faults"] == {}
+    assert cells(unasked, free=True) == cells(good, free=True)
+    with pytest.raises(InputError, match=rf"frame {names[3]}: unfamiliar \(--strict stops here\)"):
+        map_recording(Given(list), config=TRUTH, segmenter=Doubter(names[3:]), strict=True)
+    strange = Doubter(names[:1])(source.frames[0])
+    look = looks_of(source.frames[0], None, TRUTH.watchdog, strange)
+    assert faults_of_records([look], TRUTH.watchdog) == {"unfamiliar": 1}
+
+
 def test_simulators_without_noise_may_repeat_themselves() -> None:
     config = config_from_dict(
         {"segmenter": {"name": "truth"}, "output": {"pictures": 0}, "watchdog": {"frozen_s": None}}
@@ -130,7 +173,7 @@ def test_an_evaluation_counts_them_and_strict_stops(
     command = ["evaluate", str(tmp_path / "rec"), "--segmenter", "truth", "--workers", "1", "--no-budget",
                "--resolution", "0.1"]  # fmt: skip
     assert run([*command, "-o", str(tmp_path / "out")]) == 0
-    assert "frames that the watchdog of the node would refuse: 1 x black" in capsys.readouterr().out
+    assert "frames that the watchdog of the node would name: 1 x black" in capsys.readouterr().out
     assert json.loads((tmp_path / "out" / "results.json").read_text())["faults"] == {"black": 1}
     assert run([*command, "-o", str(tmp_path / "strict"), "--strict"]) == 1
     assert "frame 3: black (--strict stops here)" in capsys.readouterr().err

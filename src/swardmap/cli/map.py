@@ -58,7 +58,7 @@ def map_command(
         str | None, typer.Option(help="Address of a Ray cluster for several recordings, or local.")
     ] = None,
     strict: Annotated[
-        bool, typer.Option("--strict", help="Stop at a frame that the node's watchdog would refuse.")
+        bool, typer.Option("--strict", help="Stop at a frame that the node's watchdog would name.")
     ] = False,
     frames: Frames = None,
     duration: Duration = None,

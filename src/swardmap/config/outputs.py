@@ -118,6 +118,13 @@ class WatchdogConfig(Checked):
         0.05, "no depth: fewer pixels than this share have a reading", minimum=0, maximum=1
     )
     image_s: float = setting(0.3, "so long an image must be black, flipped or without depth", minimum=0)
+    unfamiliar: float | None = setting(
+        1.0,
+        "an image this many times as far from what the network knows as its file allows clears nothing; "
+        "none = never",
+        minimum=0,
+    )
+    unfamiliar_s: float = setting(0.5, "images must be unfamiliar for so long", minimum=0)
     jump_s: float = setting(0.5, "stamps that run ahead of the arrival by more have jumped", minimum=0.001)
     hold_s: float = setting(1.0, "so long a jump stays in the report", minimum=0)
     pose_s: float | None = setting(

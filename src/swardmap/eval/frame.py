@@ -177,7 +177,7 @@ def evaluate_frame(plan: Plan, numbered: Numbered, segmenter: Segmenter) -> dict
         "index": numbered.index,
         "name": frame.name,
         "tags": {str(k): str(v) for k, v in sorted(frame.tags.items())},
-        "looks": looks_of(frame, frame.T_map_camera, plan.config.watchdog),
+        "looks": looks_of(frame, frame.T_map_camera, plan.config.watchdog, segmentation),
         "mask": confusion_of_masks(truth, called, segmentation.label_set).to_dict(),
         "maps": maps,
         "missed": missed,

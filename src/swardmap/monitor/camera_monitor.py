@@ -52,6 +52,16 @@ class CameraMonitor:
             self._arrivals.popleft()
         return fit
 
+    def observe_mask(self, unfamiliar: bool, arrival_ns: int) -> None:
+        """Take whether the segmenter knows images such as the one that arrived then.
+
+        A frame that never came to be segmented says nothing of it: black and unfamiliar may alternate.
+        """
+        if unfamiliar:
+            self._since_ns.setdefault(Fault.UNFAMILIAR, arrival_ns)
+        else:
+            self._since_ns.pop(Fault.UNFAMILIAR, None)
+
     @property
     def _span_s(self) -> float:
         return self._config.rate_window_s + self._config.rate_reference_s
@@ -106,8 +116,7 @@ class CameraMonitor:
         if age_ns > in_ns(config.stale_s):
             yield Fault.STALE, f"newest image is {age_ns / NS:.2f} s old"
         for fault, since_ns in self._since_ns.items():
-            needed_s = config.frozen_s if fault == Fault.FROZEN else config.image_s
-            if now_ns - since_ns >= in_ns(needed_s or 0):
+            if now_ns - since_ns >= in_ns(_needed_s(fault, config)):
                 yield fault, f"for {(now_ns - since_ns) / NS:.2f} s"
         yield from self._rate_faults(now_ns, active_ns)
 
@@ -126,6 +135,13 @@ class CameraMonitor:
         before_hz = before * NS / (now_ns - window_ns - start_ns)
         if rate < config.falling_share * before_hz:
             yield Fault.FALLING_RATE, f"{rate:.1f} frames/s, {before_hz:.1f} before"
+
+
+def _needed_s(fault: Fault, config: WatchdogConfig) -> float:
+    """How long an image must be faulty before it is said."""
+    if fault == Fault.FROZEN:
+        return config.frozen_s or 0
+    return config.unfamiliar_s if fault == Fault.UNFAMILIAR else config.image_s
 
 
 def image_faults(stats: FrameStats, last: FrameStats | None, config: WatchdogConfig) -> dict[Fault, bool]:

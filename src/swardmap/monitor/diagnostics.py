@@ -40,6 +40,7 @@ class Fault(StrEnum):
     BLACK = "black"
     FLIPPED = "flipped"
     NO_DEPTH = "no depth"
+    UNFAMILIAR = "unfamiliar"
     JUMPED_BACK = "stamp jumped back"
     JUMPED_AHEAD = "stamp jumped ahead"
     LOST_POSE = "lost pose"

@@ -11,6 +11,7 @@ from swardmap.config import WatchdogConfig
 from swardmap.errors import InvalidValueError
 from swardmap.monitor.camera_monitor import CameraMonitor
 from swardmap.monitor.diagnostics import Diagnosis, Fault, FrameStats, HealthReport, Latency, Severity, in_ns
+from swardmap.types import Segmentation
 
 NS = 1_000_000_000
 MAX_LATENCIES = 4096
@@ -48,6 +49,19 @@ class Watchdog:
             InvalidValueError: for a camera that was not named.
         """
         return self._camera(camera).observe(stats)
+
+    def observe_mask(self, camera: str, segmentation: Segmentation, arrival_ns: int) -> None:
+        """Take the mask of a frame that was observed: whether the segmenter knows such images.
+
+        Args:
+            camera: its name.
+            segmentation: of the frame; one that cannot tell how familiar the image is counts as familiar.
+            arrival_ns: when the frame came.
+
+        Raises:
+            InvalidValueError: for a camera that was not named.
+        """
+        self._camera(camera).observe_mask(segmentation.is_unfamiliar(self._config.unfamiliar), arrival_ns)
 
     def observe_refused_stamp(self, camera: str, now_ns: int) -> None:
         """Take that a frame was left out before it could be looked at: its stamp is not after the last.

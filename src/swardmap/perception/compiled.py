@@ -118,7 +118,7 @@ def count(
         nearest_indices(a, b).astype(np.uint64)  # unsigned: a kernel need not look at the sign
         for a, b in zip(frame.depth.shape, segmentation.labels.shape, strict=True)
     )
-    mask, table, hazard = _mask(segmentation, config.segmenter.min_confidence)
+    mask, table, hazard = _mask(segmentation, config)
     kernel.count(
         frame.depth, np.float32(frame.depth_unit_m), ray_x, ray_y, placed.cells,
         mask, table, mask if hazard is None else hazard, hazard is None, rows, columns,
@@ -134,15 +134,16 @@ def count(
 
 
 def _mask(
-    segmentation: Segmentation, min_confidence: float
+    segmentation: Segmentation, config: Config
 ) -> tuple[NDArray[np.uint8], NDArray[np.int32], NDArray[np.uint8] | None]:
     """(h, w) ids, (256,) what each counts as + 256 * its hazard, and (h, w) hazards of the pixels, if any.
 
-    Without a confidence the ids say all: no array of the mask's size is made.
+    Without doubts about grass the ids say all: no array of the mask's size is made.
     """
-    if segmentation.confidence is not None and min_confidence > 0:
+    doubts = segmentation.confidence is not None and config.segmenter.min_confidence > 0
+    if doubts or segmentation.is_unfamiliar(config.watchdog.unfamiliar):
         return (
-            mask_codes(segmentation, min_confidence),
+            mask_codes(segmentation, config),
             np.arange(256, dtype=np.int32),
             segmentation.hazard_255,
         )

@@ -77,10 +77,10 @@ def code_table(label_set: LabelSet) -> NDArray[np.uint8]:
     return np.where(table == 0, np.uint8(VOID), table)
 
 
-def mask_codes(segmentation: Segmentation, min_confidence: float) -> NDArray[np.uint8]:
+def mask_codes(segmentation: Segmentation, config: Config) -> NDArray[np.uint8]:
     """(h, w) uint8 what each pixel of the mask counts as."""
     codes = code_table(segmentation.label_set)[segmentation.labels]
-    unsure = segmentation.unsure(min_confidence)
+    unsure = segmentation.unsure(config.segmenter.min_confidence, config.watchdog.unfamiliar)
     if unsure is not None:
         codes[unsure] = UNSURE
     return codes

@@ -99,7 +99,7 @@ def count(
     rows, columns = (nearest_indices(n, m) for n, m in zip(frame.depth.shape, segmentation.labels.shape,
                                                            strict=True))  # fmt: skip
     used = placed.cells >= 0
-    codes = mask_codes(segmentation, config.segmenter.min_confidence)[rows[:, None], columns][used]
+    codes = mask_codes(segmentation, config)[rows[:, None], columns][used]
     hazard = segmentation.hazard_255[rows[:, None], columns][used]
     cell, z = placed.cells[used], frame.depth_m[used]
     up = height_row(T_grid_camera, ground)

@@ -94,6 +94,8 @@ class WatchedMapper:
         version = self._version
         with self.stages.measured("segment"):
             segmentation = self.segmenter(frame)
+        with self._watch_lock:
+            self._watchdog.observe_mask(camera, segmentation, arrival_ns)
         with self._map_lock, self.stages.measured("map"):
             if version != self._version:  # cleared meanwhile
                 return None

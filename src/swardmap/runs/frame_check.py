@@ -1,11 +1,11 @@
 """Frames of a recording that the node's watchdog would refuse: named, counted, and kept out of the map.
 
 A frozen camera that drives on, a covered lens or an image upside down clears cells that nobody saw. The node
-does not map such frames, and neither does a recording. What needs a clock (stopped, stale, slow) cannot be
-told of a file.
+does not map such frames, and neither does a recording. Those that the network does not know clear nothing.
+What needs a clock (stopped, stale, slow) cannot be told of a file.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,7 +14,7 @@ from swardmap.errors import InputError
 from swardmap.geometry import Pose
 from swardmap.monitor.camera_monitor import image_faults
 from swardmap.monitor.diagnostics import Fault, FrameStats, frame_stats
-from swardmap.types import Frame
+from swardmap.types import Frame, Segmentation
 
 CAMERA_HEIGHTS_M = (0.05, 5.0)
 """Of a camera over z = 0 of the map, if that is the ground; else nothing is said of images upside down."""
@@ -29,7 +29,7 @@ class FrameCheck:
         strict: stop at the first frame with a fault.
         faults: how many frames had each fault, by the name that the node uses.
         first: name of the first frame with each fault.
-        refused: frames with any.
+        refused: frames with any but `unfamiliar`, of which the mask tells later.
     """
 
     config: WatchdogConfig
@@ -52,15 +52,26 @@ class FrameCheck:
         stats = frame_stats(frame, frame.stamp_ns, T_base_camera or _over_ground(frame.T_map_camera))
         found = [fault for fault, bad in image_faults(stats, self._last, self.config).items() if bad]
         self._last = stats
+        self.refused += bool(found)
+        self._count(found, frame)
+        return not found
+
+    def take_mask(self, frame: Frame, segmentation: Segmentation) -> None:
+        """Count a frame that went into the map and cleared nothing, for the network knows no such image.
+
+        Raises:
+            InputError: if it is one, and `strict` is set.
+        """
+        if segmentation.is_unfamiliar(self.config.unfamiliar):
+            self._count([Fault.UNFAMILIAR], frame)
+
+    def _count(self, found: Sequence[Fault], frame: Frame) -> None:
+        name = frame.name or str(frame.stamp_ns)
         for fault in found:
             self.faults[str(fault)] = self.faults.get(str(fault), 0) + 1
-            self.first.setdefault(str(fault), frame.name or str(frame.stamp_ns))
-        self.refused += bool(found)
+            self.first.setdefault(str(fault), name)
         if found and self.strict:
-            raise InputError(
-                f"frame {frame.name or frame.stamp_ns}: {', '.join(found)} (--strict stops here)"
-            )
-        return not found
+            raise InputError(f"frame {name}: {', '.join(found)} (--strict stops here)")
 
     def fit(self, frames: Iterable[Frame]) -> Iterator[Frame]:
         """The frames that may go into the map."""
@@ -74,10 +85,14 @@ def _over_ground(T_map_camera: Pose | None) -> Pose | None:
     return T_map_camera if low < float(T_map_camera.position_m[2]) < high else None
 
 
-def looks_of(frame: Frame, T_base_camera: Pose | None, config: WatchdogConfig) -> dict[str, Any]:
+def looks_of(
+    frame: Frame, T_base_camera: Pose | None, config: WatchdogConfig, segmentation: Segmentation | None = None
+) -> dict[str, Any]:
     """What a record of one frame keeps, so that faults can be told of records in order; plain data."""
     stats = frame_stats(frame, frame.stamp_ns, _over_ground(T_base_camera))
     alone = [str(fault) for fault, bad in image_faults(stats, None, config).items() if bad]
+    if segmentation is not None and segmentation.is_unfamiliar(config.unfamiliar):
+        alone.append(str(Fault.UNFAMILIAR))
     return {"faults": alone, "prints": [stats.color_print, stats.depth_print]}
 
 

@@ -69,7 +69,8 @@ def map_recording(
         segmenter: in place of the configured one.
         overwrite: replace `out` if swardmap made it.
         on_step: called after each frame, for progress or display.
-        strict: stop at the first frame that the node's watchdog would refuse, in place of leaving it out.
+        strict: stop at the first frame that the node's watchdog would refuse, in place of leaving it out, or
+            that is unfamiliar.
         notes: what the caller knows of the settings; stands among the notes of the summary.
         ahead: read and segment frames while earlier ones are mapped, in threads (see `runs.ahead`); the map
             is the same. False for a live camera, whose frames are not there yet.
@@ -216,7 +217,8 @@ def map_steps(
         source: open, in order of time.
         mapper: gets the mount measured from the first frame without a pose, where none is configured.
         mount: takes under `source` where the mount came from.
-        check: counts the frames that are not mapped, since the node's watchdog would refuse them.
+        check: counts the frames that are not mapped, since the node's watchdog would refuse them, and those
+            that clear nothing, since the network does not know them.
         workers: frames that are segmented at once, ahead of the map; 0 = they are read ahead only, None =
             one thread does everything.
 
@@ -231,7 +233,7 @@ def map_steps(
         return _mounted(fit, mapper, where)
 
     steps = mapper.run(read()) if workers is None else _run_ahead(read, mapper, workers)
-    return _within_bounds(steps, mapper)
+    return _looked_at(_within_bounds(steps, mapper), looks)
 
 
 def _run_ahead(
@@ -248,6 +250,13 @@ def _run_ahead(
         step = mapper.integrate(frame, segmentation)
         stages = {"segment": segment_s, "map": perf_counter() - started}
         yield replace(step, timings_ms={name: 1e3 * seconds for name, seconds in stages.items()})
+
+
+def _looked_at(steps: Iterator[StepResult], check: FrameCheck) -> Iterator[StepResult]:
+    """The steps, their masks counted by the check."""
+    for step in steps:
+        check.take_mask(step.frame, step.segmentation)
+        yield step
 
 
 def _within_bounds(steps: Iterator[StepResult], mapper: ObstacleMapper) -> Iterator[StepResult]:

@@ -12,6 +12,7 @@ from swardmap.grid import OccupancyGrid
 from swardmap.io import FrameSource
 from swardmap.kernels.compiled import machine_code_count
 from swardmap.labels import MapClass
+from swardmap.monitor.diagnostics import Fault
 from swardmap.perception.observation import PixelCounts
 from swardmap.pipeline import StepResult
 from swardmap.runs.frame_check import FrameCheck
@@ -156,10 +157,15 @@ def warnings_of(summary: Mapping[str, Any]) -> list[str]:
     found += _thinned(summary["config"])
     refused = summary["watchdog"]["refused"]
     if refused > MOST * (refused + summary["frames"]):
-        why = ", ".join(f"{n} x {fault}" for fault, n in summary["watchdog"]["faults"].items())
         found.append(
-            f"{refused} frames were refused as the node would ({why}): check the recording; a simulator "
-            "without noise needs --set watchdog.frozen_s=null"
+            f"{refused} frames were refused as the node would ({_refused(summary['watchdog'])}): check the "
+            "recording; a simulator without noise needs --set watchdog.frozen_s=null"
+        )
+    strange = summary["watchdog"]["faults"].get(Fault.UNFAMILIAR, 0)
+    if strange > MOST * summary["frames"]:
+        found.append(
+            f"{strange} of {summary['frames']} frames are unfamiliar to the network and cleared nothing: "
+            "look at the lens and the light; another kind of lawn it can be taught (docs/models.md)"
         )
     without = summary["ground"]["frames_without"]
     if without > MOST * summary["frames"]:
@@ -254,13 +260,24 @@ def _left_out(summary: Mapping[str, Any]) -> list[str]:
         lines += [f"  {reason}, the first: {first}" for reason, first in firsts.items()]
     watchdog = summary["watchdog"]
     if watchdog["refused"]:
-        counts = ", ".join(f"{n} x {fault}" for fault, n in watchdog["faults"].items())
-        lines.append(f"not mapped, as the node would not: {counts} (first: {_firsts(watchdog['first'])})")
+        firsts = _firsts({k: v for k, v in watchdog["first"].items() if k != Fault.UNFAMILIAR})
+        lines.append(f"not mapped, as the node would not: {_refused(watchdog)} (first: {firsts})")
+    strange = watchdog["faults"].get(Fault.UNFAMILIAR, 0)
+    if strange:
+        lines.append(
+            f"unfamiliar to the network: {strange} frames cleared nothing "
+            f"(first: {watchdog['first'][Fault.UNFAMILIAR]})"
+        )
     return lines
 
 
 def _firsts(first: Mapping[str, str]) -> str:
     return ", ".join(dict.fromkeys(first.values()))
+
+
+def _refused(watchdog: Mapping[str, Any]) -> str:
+    """How many frames were not mapped, by fault."""
+    return ", ".join(f"{n} x {fault}" for fault, n in watchdog["faults"].items() if fault != Fault.UNFAMILIAR)
 
 
 def _pixels(pixels: Mapping[str, int]) -> list[str]:
