@@ -1,4 +1,5 @@
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from swardmap.errors import ConfigError, InvalidValueError, ModelError
 from swardmap.labels import GRASS_OBSTACLE, GRASS_OBSTACLE_PERSON, OTHER, VOID_ID
 from swardmap.models import build_segmenter
 from swardmap.models.onnx import OnnxSegmenter, decide, preprocess
-from swardmap.models.spec import METADATA_KEY, NetworkSpec
+from swardmap.models.spec import METADATA_KEY, UNFAMILIAR, NetworkSpec
 from swardmap.types import Frame
 
 onnx = pytest.importorskip("onnx", reason="the tests build their networks with the package onnx")
@@ -127,6 +128,57 @@ def test_the_metadata_come_back_whole() -> None:
     assert NetworkSpec.from_json(spec.to_json(), "here") == spec
 
 
+def write_scored(path: Path, spec: NetworkSpec, output: str = UNFAMILIAR, spread: bool = False) -> Path:
+    """The tiny network, which says how bright the image is, too."""
+    write_network(path, 3, spec.to_json())
+    model = onnx.load(path)
+    graph, helper = model.graph, onnx.helper
+    shape = [1] if not spread else [3]
+    axes = [0, 1, 2, 3] if not spread else [0, 2, 3]
+    graph.initializer.append(helper.make_tensor("axes", 7, [len(axes)], axes))
+    graph.node.append(helper.make_node("ReduceMean", ["image", "axes"], ["bright"], keepdims=0))
+    graph.initializer.append(helper.make_tensor("shape", 7, [1], shape))
+    graph.node.append(helper.make_node("Reshape", ["bright", "shape"], [output]))
+    graph.output.append(helper.make_tensor_value_info(output, 1, shape))
+    path.write_bytes(model.SerializeToString())
+    return path
+
+
+def test_a_network_may_say_how_unfamiliar_an_image_is(tmp_path: Path, frame_of: MakeFrame) -> None:
+    limited = replace(SPEC, unfamiliar_limit=0.5)
+    assert NetworkSpec.from_json(limited.to_json(), "here") == limited
+    assert "unfamiliar_limit" not in SPEC.to_json(), "older releases read such files"
+    scored = OnnxSegmenter(write_scored(tmp_path / "net.onnx", limited))
+    for level, expected in ((0, 0.0), (51, 0.4), (255, 2.0)):
+        found = scored(frame_of(np.full((48, 64, 3), level, np.uint8)))
+        assert found.unfamiliar == pytest.approx(expected, abs=1e-5)
+    plain = OnnxSegmenter(write_scored(tmp_path / "plain.onnx", SPEC))
+    assert plain(frame_of(patches())).unfamiliar is None, "without a limit nobody knows what it means"
+    np.testing.assert_array_equal(plain(frame_of(patches())).labels, scored(frame_of(patches())).labels)
+
+
+def test_a_score_that_is_no_number_is_as_unfamiliar_as_can_be(
+    tmp_path: Path, frame_of: MakeFrame, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scored = OnnxSegmenter(write_scored(tmp_path / "net.onnx", replace(SPEC, unfamiliar_limit=0.5)))
+    logits, _ = scored._run()
+    monkeypatch.setattr(scored, "_run", lambda: [logits, np.array([np.nan], np.float32)])
+    assert scored(frame_of(patches())).unfamiliar == np.inf
+
+
+def test_a_limit_without_its_score_is_refused(tmp_path: Path) -> None:
+    limited = replace(SPEC, unfamiliar_limit=0.5)
+    with pytest.raises(ModelError, match="an output 'unfamiliar' after the first"):
+        OnnxSegmenter(write_network(tmp_path / "none.onnx", 3, limited.to_json()))
+    with pytest.raises(ModelError, match="an output 'unfamiliar' after the first"):
+        OnnxSegmenter(write_scored(tmp_path / "other.onnx", limited, "brightness"))
+    with pytest.raises(ModelError, match="expected one number as 'unfamiliar'"):
+        OnnxSegmenter(write_scored(tmp_path / "three.onnx", limited, spread=True))
+    text = limited.to_json().replace('"unfamiliar_limit": 0.5', '"unfamiliar_limit": "much"')
+    with pytest.raises(ModelError, match="does not hold together"):
+        OnnxSegmenter(write_network(tmp_path / "text.onnx", 3, text))
+
+
 @pytest.mark.parametrize(
     "changes",
     [
@@ -138,6 +190,8 @@ def test_the_metadata_come_back_whole() -> None:
         {"activation": "tanh"},
         {"activation": "sigmoid"},
         {"temperature": -1.0},
+        {"unfamiliar_limit": 0.0},
+        {"unfamiliar_limit": float("inf")},
         {"colour_order": "grb"},
     ],
 )

@@ -11,7 +11,13 @@ from swardmap.errors import ModelError, require
 
 
 def export(
-    checkpoint: Annotated[Path, typer.Argument(help="best.pt or last.pt of `swardmap train`.")],
+    checkpoint: Annotated[
+        Path,
+        typer.Argument(
+            help="best.pt or last.pt of `swardmap train`; with --recipe, an .onnx file that is only to learn "
+            "which images it knows."
+        ),
+    ],
     data: Annotated[Path, typer.Option("--data", help="Folder that the recipe's data folders are in.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="The .onnx file.")],
     int8: Annotated[bool, typer.Option(help="Quantise; --no-int8 keeps float32, for GPUs.")] = True,
@@ -33,6 +39,12 @@ def export(
         bool,
         typer.Option(help="Fit a bias for each class on the validation sets, each of which counts alike."),
     ] = False,
+    familiar: Annotated[
+        bool, typer.Option(help="Teach the file which images it knows (docs/models.md); takes minutes.")
+    ] = True,
+    recipe: Annotated[
+        Path | None, typer.Option(help="Recipe of an .onnx file, for what it knows.", show_default=False)
+    ] = None,
     max_loss: Annotated[float, typer.Option(help="Points of grass IoU that INT8 may cost.")] = 0.5,
     as_json: Json = False,
 ) -> None:
@@ -43,6 +55,9 @@ def export(
     require("torch", "train")
     from swardmap.train.release import release
 
+    if recipe is not None:
+        _tell_familiar(_taught(checkpoint, recipe, data, out), as_json)
+        return
     paths, shares = blend or [], blend_share or []
     if len(paths) != len(shares) or not all(0 <= share <= 1 for share in shares):
         raise typer.BadParameter("expected one --blend-share of 0 to 1 for each --blend")
@@ -56,6 +71,7 @@ def export(
         grass_bias,
         tuple(zip(paths, shares, strict=True)),
         calibrate_classes,
+        familiar,
     )
     if as_json:
         print(json.dumps(result, indent=2))
@@ -69,6 +85,35 @@ def export(
         )
 
 
+def _taught(network: Path, recipe: Path, data: Path, out: Path) -> dict[str, Any]:
+    """Copy a network file and teach the copy which images it knows; it appears whole, or not at all."""
+    from swardmap.train.export import read_spec
+    from swardmap.train.recipe import load_recipe
+    from swardmap.train.release import make_familiar
+
+    if network.suffix.lower() != ".onnx":
+        raise typer.BadParameter("expected an .onnx file with --recipe; a checkpoint holds its own")
+    read_spec(network)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    partial = out.with_suffix(".familiar.onnx")
+    try:
+        partial.write_bytes(network.read_bytes())
+        figures = make_familiar(partial, load_recipe(recipe), data)
+        partial.replace(out)
+    finally:
+        partial.unlink(missing_ok=True)
+    return figures
+
+
+def _tell_familiar(figures: dict[str, Any], as_json: bool) -> None:
+    if as_json:
+        print(json.dumps(figures, indent=2))
+        return
+    for key, told in (("refused", "known images called unfamiliar"), ("noticed", "spoilt ones noticed")):
+        shares = ", ".join(f"{name} {100 * share:.1f} %" for name, share in figures[key].items())
+        print(f"{told}: {shares}")
+
+
 def _print(result: dict[str, Any]) -> None:
     print(f"{result['file']}  {result['bytes'] / 1e6:.1f} MB  temperature {result['temperature']:.3f}")
     print(f"largest difference from torch: {result['difference']:.2g} of a logit (float32)")
@@ -79,3 +124,5 @@ def _print(result: dict[str, Any]) -> None:
             print(f"{name:8} {told}")
     if result.get("int8_loss_points") is not None:
         print(f"INT8 costs {result['int8_loss_points']:.2f} points of grass IoU")
+    if result.get("unfamiliar"):
+        _tell_familiar(result["unfamiliar"], as_json=False)

@@ -5,9 +5,11 @@ spinning (a robot's cores are not free), pre-processing by OpenCV into a kept bu
 comparison.
 """
 
+import math
 import os
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +20,7 @@ from swardmap.config import SegmenterConfig
 from swardmap.errors import ConfigError, ModelError
 from swardmap.labels import VOID_ID, LabelSet, MapClass
 from swardmap.models import bundled_network
-from swardmap.models.spec import METADATA_KEY, NetworkSpec
+from swardmap.models.spec import METADATA_KEY, UNFAMILIAR, NetworkSpec
 from swardmap.types import Frame, Segmentation
 
 Float32Array = NDArray[np.float32]
@@ -44,8 +46,9 @@ class OnnxSegmenter:
         self.spec = _read_spec(self._session, path)
         self.provider = provider
         self._input = _input_name(self._session, self.spec, path)
+        self._outputs = _output_names(self._session, self.spec, path)
         self._own = threading.local()
-        _check_output(self._logits_of_buffer, self.spec, path)
+        _check_output(self._run, self.spec, path)
 
     @property
     def name(self) -> str:
@@ -60,7 +63,10 @@ class OnnxSegmenter:
     def __call__(self, frame: Frame) -> Segmentation:
         """Classes of the frame with calibrated probabilities, at the network's size."""
         preprocess(frame.rgb, self.spec, self._buffer())
-        return segmentation_of(self._logits_of_buffer(), self.spec)
+        logits, *score = self._run()
+        found = segmentation_of(logits, self.spec)
+        limit = self.spec.unfamiliar_limit
+        return found if limit is None else replace(found, unfamiliar=_share_of(score[0], limit))
 
     def segment(self, rgb: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], Float32Array]:
         """Class and its probability for each pixel.
@@ -72,7 +78,7 @@ class OnnxSegmenter:
             (h, w) uint8 class ids and (h, w) float32, h x w being the network's output size.
         """
         preprocess(rgb, self.spec, self._buffer())
-        return decide(self._logits_of_buffer(), self.spec)
+        return decide(self._run()[0], self.spec)
 
     def _buffer(self) -> Float32Array:
         """The input of this thread."""
@@ -81,9 +87,10 @@ class OnnxSegmenter:
             kept = self._own.buffer = np.zeros((1, 3, self.spec.height, self.spec.width), np.float32)
         return kept
 
-    def _logits_of_buffer(self) -> Float32Array:
-        outputs: list[Float32Array] = self._session.run(None, {self._input: self._buffer()})
-        return outputs[0]
+    def _run(self) -> list[Float32Array]:
+        """Logits of the image in this thread's buffer, and how unfamiliar it is, if the network says so."""
+        outputs: list[Float32Array] = self._session.run(self._outputs, {self._input: self._buffer()})
+        return outputs
 
 
 def preprocess(rgb: NDArray[np.uint8], spec: NetworkSpec, buffer: Float32Array) -> None:
@@ -237,9 +244,22 @@ def _input_name(session: Any, spec: NetworkSpec, path: Path) -> str:
     return name
 
 
-def _check_output(logits_of_buffer: Callable[[], Float32Array], spec: NetworkSpec, path: Path) -> None:
+def _output_names(session: Any, spec: NetworkSpec, path: Path) -> list[str]:
+    """The logits, which come first, and the score of how unfamiliar an image is, if there is one."""
+    names = [output.name for output in session.get_outputs()]
+    if spec.unfamiliar_limit is None:
+        return names[:1]
+    if UNFAMILIAR not in names[1:]:
+        raise ModelError(
+            f"{path}: its metadata has an unfamiliar_limit, expected an output '{UNFAMILIAR}' after the "
+            f"first, got {names}; make the file with `swardmap export`"
+        )
+    return [names[0], UNFAMILIAR]
+
+
+def _check_output(run: Callable[[], list[Float32Array]], spec: NetworkSpec, path: Path) -> None:
     try:
-        logits = logits_of_buffer()
+        logits, *score = run()
     except Exception as error:
         raise ModelError(f"{path}: the network loads but does not run: {_first_line(error)}") from error
     shape = getattr(logits, "shape", ())
@@ -248,6 +268,14 @@ def _check_output(logits_of_buffer: Callable[[], Float32Array], spec: NetworkSpe
             f"{path}: its metadata says {spec.channels} output channels ({spec.activation}), "
             f"expected float32 (1, {spec.channels}, h, w), got {getattr(logits, 'dtype', '?')} {shape}"
         )
+    if score and np.size(score[0]) != 1:
+        raise ModelError(f"{path}: expected one number as '{UNFAMILIAR}', got {np.shape(score[0])}")
+
+
+def _share_of(score: Float32Array, limit: float) -> float:
+    """The score against its limit; what is no number is as unfamiliar as can be."""
+    value = float(np.asarray(score).reshape(-1)[0]) / limit
+    return value if value >= 0 else math.inf
 
 
 def _void_where_nan(

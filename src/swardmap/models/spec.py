@@ -18,6 +18,9 @@ METADATA_VERSION = 1
 ACTIVATIONS = ("softmax", "sigmoid")
 COLOUR_ORDERS = ("rgb", "bgr")
 
+UNFAMILIAR = "unfamiliar"
+"""Output of a network, one float32 of 0 or more: how unlike the images that it knows the image is."""
+
 
 @dataclass(frozen=True)
 class NetworkSpec:
@@ -33,6 +36,8 @@ class NetworkSpec:
             probability of the second id against the first.
         activation: `softmax` or `sigmoid`.
         temperature: logits are divided by it, so that the probability is the share that is right.
+        unfamiliar_limit: largest value of the output `unfamiliar` that images it knows have; None = the
+            network has no such output.
         licence: of the file and of what it was made from.
         training: what it was trained on and how (free form, JSON).
         metrics: figures measured for it (free form, JSON).
@@ -48,6 +53,7 @@ class NetworkSpec:
     colour_order: str = "rgb"
     activation: str = "softmax"
     temperature: float = 1.0
+    unfamiliar_limit: float | None = None
     licence: str = ""
     training: Mapping[str, Any] = field(default_factory=dict)
     metrics: Mapping[str, Any] = field(default_factory=dict)
@@ -73,6 +79,9 @@ class NetworkSpec:
                 self.activation != "sigmoid" or len(self.channel_ids) == 2
             ),
             f"a positive temperature, got {self.temperature}": 0 < self.temperature < math.inf,
+            f"a positive unfamiliar_limit or none, got {self.unfamiliar_limit}": (
+                self.unfamiliar_limit is None or 0 < self.unfamiliar_limit < math.inf
+            ),
         }
         for expected, holds in checks.items():
             if not holds:
@@ -87,6 +96,8 @@ class NetworkSpec:
         """The metadata text."""
         tree = dataclasses.asdict(self)
         tree["label_set"] = [dataclasses.asdict(c) for c in self.label_set.classes]
+        if self.unfamiliar_limit is None:
+            del tree["unfamiliar_limit"]  # such a file can be read by every release
         return json.dumps({"version": METADATA_VERSION, **tree}, sort_keys=True, allow_nan=False)
 
     @classmethod

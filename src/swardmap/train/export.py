@@ -59,7 +59,7 @@ def export_onnx(network: DeepLabV3Plus, spec: NetworkSpec, path: Path) -> float:
             verbose=False,
         )
     model = program.model_proto
-    _write(model, spec, path)
+    write_model(model, spec, path)
     with torch.no_grad():
         expected = network(example).numpy()
     got = open_session(path).run(None, {INPUT: example.numpy()})[0]
@@ -99,7 +99,7 @@ def quantise(source: Path, target: Path, images: Iterable[Image]) -> None:
             calibrate_method=CalibrationMethod.MinMax,
             nodes_to_exclude=last,
         )
-        _write(onnx.load(partial), spec, target)
+        write_model(onnx.load(partial), spec, target)
     finally:
         prepared.unlink(missing_ok=True)
         partial.unlink(missing_ok=True)
@@ -110,7 +110,7 @@ def with_spec(path: Path, **changes: Any) -> NetworkSpec:
     import onnx
 
     spec = replace(read_spec(path), **changes)
-    _write(onnx.load(path), spec, path)
+    write_model(onnx.load(path), spec, path)
     return spec
 
 
@@ -142,16 +142,18 @@ def _reader(images: Iterable[Image], spec: NetworkSpec) -> Any:
     return Reader()
 
 
-def open_session(path: Path) -> Any:
-    """A session of ONNX Runtime on the CPU."""
+def open_session(source: Path | bytes) -> Any:
+    """A session of ONNX Runtime on the CPU, of a file or of what would stand in it."""
     import onnxruntime
 
     options = onnxruntime.SessionOptions()
     options.log_severity_level = 4
-    return onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+    given = source if isinstance(source, bytes) else str(source)
+    return onnxruntime.InferenceSession(given, options, providers=["CPUExecutionProvider"])
 
 
-def _write(model: Any, spec: NetworkSpec, path: Path) -> None:
+def write_model(model: Any, spec: NetworkSpec, path: Path) -> None:
+    """Write a model with what it says about itself; the file is replaced whole."""
     import onnx
 
     del model.metadata_props[:]

@@ -15,8 +15,10 @@ from swardmap.train.checkpoint import blended, load_network
 from swardmap.train.data import load_photos
 from swardmap.train.evaluate import evaluate_network
 from swardmap.train.export import export_onnx, quantise, with_spec
+from swardmap.train.familiar import teach_familiar
 from swardmap.train.networks import DeepLabV3Plus
 from swardmap.train.photos import Photo
+from swardmap.train.recipe import Recipe
 
 
 def release(
@@ -29,6 +31,7 @@ def release(
     grass_bias: float = 0.0,
     blend: Sequence[tuple[Path, float]] = (),
     calibrate_classes: bool = False,
+    familiar: bool = True,
 ) -> dict[str, Any]:
     """Write `out`, and say what it costs and how good it is on the recipe's validation data.
 
@@ -43,9 +46,11 @@ def release(
             obstacles called grass; choose it on validation data.
         blend: other checkpoints and their shares of the weights, mixed in one after another; see `blended`.
         calibrate_classes: fit a bias for each class on the validation data, before `grass_bias` is added.
+        familiar: teach the file which images it knows; see `make_familiar`.
 
     Returns:
-        Figures of both precisions, the INT8 loss in points of grass IoU, temperature, size.
+        Figures of both precisions, the INT8 loss in points of grass IoU, temperature, size, and what
+            `make_familiar` gives.
     """
     network, recipe, state = load_network(checkpoint)
     for other, share in blend:
@@ -83,8 +88,30 @@ def release(
     temperature = fit_temperature(out, held) if held else 1.0
     metrics = {k: result[k] for k in ("float32", "int8") if result.get(k)}
     with_spec(out, temperature=temperature, metrics=metrics)
+    if familiar:
+        result["unfamiliar"] = make_familiar(out, recipe, root)
     result.update(temperature=temperature, bytes=out.stat().st_size, int8_loss_points=_loss(result))
     return result
+
+
+def make_familiar(path: Path, recipe: Recipe, root: Path) -> dict[str, Any]:
+    """Teach a network file which images it knows, by the recipe's sets; what else stands in it stays.
+
+    Sets of which only some classes are known show all kinds of places, and are left out.
+
+    Args:
+        path: the .onnx file; replaced whole.
+        recipe: that it was trained by.
+        root: folder the recipe's data folders are in.
+
+    Returns:
+        What `teach_familiar` gives.
+    """
+    known, held = (
+        {s.config.name: s.photos for s in load_photos(recipe, root, validation) if not s.config.void_means}
+        for validation in (False, True)
+    )
+    return teach_familiar(path, known, held, recipe.augment)
 
 
 @torch.no_grad()
