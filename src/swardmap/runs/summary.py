@@ -260,8 +260,8 @@ def _left_out(summary: Mapping[str, Any]) -> list[str]:
         lines += [f"  {reason}, the first: {first}" for reason, first in firsts.items()]
     watchdog = summary["watchdog"]
     if watchdog["refused"]:
-        firsts = _firsts({k: v for k, v in watchdog["first"].items() if k != Fault.UNFAMILIAR})
-        lines.append(f"not mapped, as the node would not: {_refused(watchdog)} (first: {firsts})")
+        first = _firsts({k: v for k, v in watchdog["first"].items() if k != Fault.UNFAMILIAR})
+        lines.append(f"not mapped, as the node would not: {_refused(watchdog)} (first: {first})")
     strange = watchdog["faults"].get(Fault.UNFAMILIAR, 0)
     if strange:
         lines.append(
