@@ -34,9 +34,9 @@ def photos(seeds: range) -> list[Photo]:
 def write_network(path: Path, averages: bool = True) -> Path:
     """A convolution with a residual sum, from which the logits come, less what is averaged over the image."""
     rng = np.random.default_rng(0)
-    shapes = {"a": (8, 3, 3, 3), "b": (8, 8, 3, 3), "c": (3, 8, 1, 1), "d": (3, 8, 1, 1)}
+    shapes = {"a": (48, 3, 3, 3), "b": (48, 48, 3, 3), "c": (3, 48, 1, 1), "d": (3, 48, 1, 1)}
     constants = [
-        onnx.numpy_helper.from_array(rng.normal(0, 0.3, shape).astype(np.float32), name)
+        onnx.numpy_helper.from_array(rng.normal(0, 0.1, shape).astype(np.float32), name)
         for name, shape in shapes.items()
     ]
     constants.append(onnx.numpy_helper.from_array(np.array([2, 3], np.int64), "over"))
@@ -91,7 +91,7 @@ def test_a_file_learns_which_images_it_knows(tmp_path: Path) -> None:
     assert seen.unfamiliar < 1
     rng = np.random.default_rng(5)
     spoilt = [after(frame_of(KINDS["covered"](lawn.rgb, rng))).unfamiliar or 0.0 for _ in range(10)]
-    assert np.mean(np.array(spoilt) > 1) >= 0.8
+    assert np.mean(np.array(spoilt) > 1) >= 0.6
     assert set(figures["noticed"]) == set(KINDS)
     assert figures["refused"]["held"] <= 0.05
     assert {p.name for p in tmp_path.iterdir()} == {"net.onnx"}
@@ -133,6 +133,7 @@ def test_the_regression_finds_what_differs_and_leaves_out_what_does_not() -> Non
 
 def test_the_limit_counts_each_set_alike() -> None:
     assert limit_of([np.arange(1000.0)]) == 994
+    assert limit_of([np.arange(-1000.0, 0.0)]) == 0, "even odds at least"
     assert limit_of([np.arange(1000.0), np.array([2000.0])]) == 2000, "a small set counts as a large one"
 
 

@@ -2,8 +2,8 @@
 
 The score is the odds that a camera sees its scene badly or not at all, by a logistic regression on what the
 encoder computes anyway (familiar_nodes.py). It learns to tell photos that the network knows, in their own and
-in harsh light, from the same photos spoilt (unknown.py). The limit is the score that one known image in 200
-exceeds, of photos that were not learnt from.
+in harsh light, from the same photos spoilt (unknown.py). The limit is even odds, or more where more than one
+known image in 200 exceeds that, of photos that were not learnt from.
 """
 
 from collections.abc import Callable, Sequence
@@ -40,7 +40,7 @@ PENALTY = 0.01
 """Of the weights squared, against the mean log-likelihood of an image."""
 
 KNOWN_SHARE = 0.995
-"""Of known images within the limit."""
+"""Of known images within the limit, at least."""
 
 PER_SET = 60
 SPOILT = 2
@@ -179,12 +179,12 @@ def _figures(
 
 
 def limit_of(sets: Sequence[FloatArray]) -> float:
-    """The logit that all but one in 200 known images stay within, each set counting alike."""
+    """Even odds, or the logit that all but one in 200 known images stay within, each set counting alike."""
     logits = np.concatenate(sets)
     weights = np.concatenate([np.full(len(s), 1 / (len(s) * len(sets))) for s in sets])
     order = np.argsort(logits)
     within = np.cumsum(weights[order])
-    return float(logits[order][np.searchsorted(within, KNOWN_SHARE - 1e-9)])
+    return max(0.0, float(logits[order][np.searchsorted(within, KNOWN_SHARE - 1e-9)]))
 
 
 def _evenly(photos: Sequence[Photo], most: int) -> list[Photo]:

@@ -1,8 +1,8 @@
 """The part of a network file that says how unlike the images it knows an image is.
 
-Its features are mean and length of each channel of the last residual sum of each size and of what the decoder
-averages over the image: the encoder has them anyway. The nodes stand beside the network's and change nothing
-of what it gives.
+Its features are the mean of each channel of the last residual sum of each size but the largest, and of what
+the decoder averages over the image: the encoder has them anyway. The nodes stand beside the network's and
+change nothing of what it gives.
 """
 
 from dataclasses import dataclass
@@ -62,7 +62,10 @@ def strip(graph: Any) -> None:
 
 
 def _encoder_tensors(model: Any) -> list[str]:
-    """The last residual sum of each size, and what is averaged over the image; as float32, after rounding."""
+    """The last residual sums and what is averaged over the image, as float32 after rounding.
+
+    The largest sum costs as much as all others, and tells nothing that they do not.
+    """
     import onnx
 
     graph = onnx.shape_inference.infer_shapes(model).graph
@@ -81,7 +84,8 @@ def _encoder_tensors(model: Any) -> list[str]:
             f"{len(by_size)} of the one and {'one' if averaged else 'none'} of the other"
         )
     users = {name: node for node in graph.node for name in node.input}
-    found = [_dequantised(name, users) for name in by_size.values()]
+    sizes = sorted(by_size)
+    found = [_dequantised(by_size[size], users) for size in sizes[:-1] or sizes]
     return [*dict.fromkeys([*found, averaged])]
 
 
@@ -106,10 +110,9 @@ def add_features(model: Any) -> None:
     graph.initializer.append(onnx.numpy_helper.from_array(np.array([2, 3], np.int64), f"{PREFIX}axes"))
     parts = []
     for index, tensor in enumerate(_encoder_tensors(model)):
-        for kind in ("ReduceMean", "ReduceL2"):
-            parts.append(f"{PREFIX}{kind}{index}")
-            node = make(kind, [tensor, f"{PREFIX}axes"], [parts[-1]], name=parts[-1], keepdims=0)
-            graph.node.append(node)
+        parts.append(f"{PREFIX}mean{index}")
+        node = make("ReduceMean", [tensor, f"{PREFIX}axes"], [parts[-1]], name=parts[-1], keepdims=0)
+        graph.node.append(node)
     graph.node.append(make("Concat", parts, [FEATURES], name=FEATURES, axis=1))
     graph.output.append(onnx.helper.make_tensor_value_info(FEATURES, onnx.TensorProto.FLOAT, None))
 
