@@ -2,6 +2,7 @@
 
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -9,7 +10,11 @@ from pathlib import Path
 import pytest
 
 import swardmap
+from swardmap.geometry import Intrinsics
+from swardmap.io.sources.folder import write_folder
+from swardmap.synth.analytic import AnalyticSource, garden_scene, lane_poses
 
+SMALL = Intrinsics(160, 120, 115.0, 115.0, 79.5, 59.5)
 ROOT = Path(__file__).parent.parent
 DEMO = Path(swardmap.__file__).parent / "data" / "demo"
 LAWN = """<kml xmlns="http://www.opengis.net/kml/2.2"><Document><Placemark><name>lawn</name><Polygon>
@@ -27,7 +32,7 @@ def shown_commands(page: str) -> list[str]:
 
 def run_shown(command: str, folder: Path) -> subprocess.CompletedProcess[str]:
     """One line as a shell takes it; a results folder that an earlier line made may be replaced."""
-    again = " --overwrite" if " -o " in command else ""
+    again = " --overwrite" if " -o " in command and " evaluate " not in command else ""
     program = command.replace("swardmap ", f"{shlex.quote(sys.executable)} -m swardmap ", 1) + again
     return subprocess.run(["bash", "-c", program], cwd=folder, capture_output=True, text=True, check=False)
 
@@ -47,3 +52,23 @@ def test_a_bag_is_mapped_as_the_page_says(tmp_path: Path) -> None:
         assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
     assert (tmp_path / "my_map/report.html").stat().st_size < 20_000_000
     assert (tmp_path / "my_map/map.yaml").is_file()
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_a_margin_is_set_as_the_page_says(tmp_path: Path) -> None:
+    made = run_shown(f"swardmap record {DEMO} -o other_drive.mcap --frames 2", tmp_path)
+    assert made.returncode == 0, made.stderr
+    shutil.copytree(DEMO, tmp_path / "annotated_drive")
+    poses = tuple(lane_poses(2, step_m=0.4))
+    write_folder(AnalyticSource(garden_scene(0), poses, SMALL), tmp_path / "another_drive")
+    said = []
+    for command in shown_commands("docs/tasks/margin.md"):
+        done = run_shown(command, tmp_path)
+        assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
+        said.append(done.stdout)
+    refused, added, measured, mapped = said
+    assert "no margin: 99 % of the missed cells" in refused
+    assert "of 2 recordings: annotated_drive, another_drive" in added
+    assert "margin: " in measured
+    assert "the default" not in mapped  # the margin is the one that was measured

@@ -152,6 +152,14 @@ def test_runs_are_compared(recording: Path, tmp_path: Path, capsys: pytest.Captu
     assert str(tmp_path) not in page
     assert "6 frames, 6 frames" in table
     assert "pixels right" in table
+    run("compare", tmp_path / "truth", tmp_path / "colour", "--out", tmp_path / "compare.tex")
+    paper = (tmp_path / "compare.tex").read_text()
+    assert r"\label{tab:compare-C1}" in paper
+    assert r"pixels right & 100.00 \% &" in paper
+    assert r"\toprule" in paper
+    with pytest.raises(InputError, match=r"ends in .html, .tex or .md"):
+        run("compare", tmp_path / "truth", tmp_path / "colour", "--out", tmp_path / "compare.doc")
+    capsys.readouterr()
     run("compare", tmp_path / "truth", tmp_path / "colour", "--json")
     (comparison,) = json.loads(capsys.readouterr().out)
     (first,) = (d for d in comparison["differences"] if d["key"] == "pixels_right")

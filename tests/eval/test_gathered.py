@@ -73,6 +73,24 @@ def test_what_is_added_counts_as_if_it_had_been_there(out: Path, drives: list[Pa
     assert "drive1/" in page
 
 
+def test_a_recording_without_clean_depth_is_left_out_of_the_budget_alone(tmp_path: Path) -> None:
+    for i, clean in ((0, True), (1, False)):
+        poses = tuple(lane_poses(2, step_m=0.3))
+        write_folder(
+            AnalyticSource(garden_scene(i), poses, SMALL, noise=StereoNoise()), tmp_path / f"drive{i}"
+        )
+        if clean:
+            write_folder(AnalyticSource(garden_scene(i), poses, SMALL), tmp_path / "clean")
+    few = ("--workers", 1, "--segmenter", "truth", "--resolution", 0.1, "--protocol", "dense")
+    out = tmp_path / "out"
+    run("evaluate", tmp_path / "drive0", "--clean", tmp_path / "clean", "-o", out, *few)
+    rows = found_in(out)["budget"]["rows"]
+    run("evaluate", tmp_path / "drive1", "-o", out, "--more", "--workers", 1)
+    assert found_in(out)["frames"]["evaluated"] == 4
+    assert found_in(out)["budget"]["rows"] == rows
+    assert list(found_in(out)["budget"]["not_run"]) == ["2 frames"]
+
+
 def test_no_frame_counts_twice(out: Path, drives: list[Path]) -> None:
     with pytest.raises(InputError, match="no frame counts twice"):
         run("evaluate", drives[0], "-o", out, "--more", "--set", "source.start=1")

@@ -75,6 +75,7 @@ def with_teachers(tiny_recipe: MakeRecipe, steps: int) -> dict[str, Any]:
 def run(tree: dict[str, Any], root: Path, out: Path) -> None:
     (root / "recipe.yaml").write_text(yaml.safe_dump(tree))
     train(root / "recipe.yaml", root, out, "cpu", 1, distil=True)
+    assert "was trained</h1>" in (out / "report.html").read_text()
 
 
 @pytest.mark.slow

@@ -5,12 +5,15 @@ import shlex
 import sys
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from swardmap.cli.options import Json
 from swardmap.errors import InputError
+
+if TYPE_CHECKING:
+    from swardmap.eval.compare import Comparison
 
 EXAMPLES = """\b
 Example:
@@ -27,7 +30,8 @@ def compare_command(
     ] = "frame",
     confidence: Annotated[float, typer.Option(help="Of the intervals.")] = 0.95,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Write the tables as a page (HTML).")
+        Path | None,
+        typer.Option("--out", "-o", help="Write the tables: a page (.html), LaTeX (.tex) or Markdown (.md)."),
     ] = None,
     as_json: Json = False,
 ) -> None:
@@ -38,11 +42,7 @@ def compare_command(
         raise InputError(f"expected a confidence between 0 and 1, got {confidence}")
     comparisons = compare_runs(runs, unit, confidence)
     if out is not None:
-        from swardmap.eval.compare import comparison_html
-        from swardmap.io.files import write_text
-
-        command = "swardmap " + shlex.join(sys.argv[1:])
-        write_text(out, comparison_html(runs, comparisons, unit, confidence, command))
+        _write_tables(out, runs, comparisons, unit, confidence)
     if as_json:
         print(json.dumps([asdict(c) for c in comparisons], indent=2, allow_nan=False))
         return
@@ -56,3 +56,21 @@ def compare_command(
             cells = [text.rjust(width) for text, width in zip(others, widths[1:], strict=True)]
             print("  ".join([first.ljust(widths[0]), *cells]).rstrip())
     print("* the interval leaves 0 out")
+
+
+def _write_tables(
+    out: Path, runs: list[Path], comparisons: "list[Comparison]", unit: str, confidence: float
+) -> None:
+    """The tables in the form that the file's name asks for."""
+    from swardmap.eval.compare import comparison_html, comparison_tables
+    from swardmap.eval.tables import latex, markdown
+    from swardmap.io.files import write_text
+
+    if out.suffix in (".tex", ".md"):
+        tables = comparison_tables(runs, comparisons, unit, confidence)
+        write_text(out, latex(tables) if out.suffix == ".tex" else markdown(tables))
+        return
+    if out.suffix not in (".html", ".htm"):
+        raise InputError(f"{out}: expected a name that ends in .html, .tex or .md")
+    command = "swardmap " + shlex.join(sys.argv[1:])
+    write_text(out, comparison_html(runs, comparisons, unit, confidence, command))

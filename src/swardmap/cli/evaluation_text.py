@@ -54,13 +54,10 @@ def refusal_lines(found: dict[str, Any], out: Path) -> list[str]:
     if more and units:
         drives = math.ceil(more / (units / len(found.get("recordings") or [None])))
         like = (
-            f"{drives} more recording{'s' if drives > 1 else ''} like these"
-            if unit == "frame"
-            else f"{more} more"
+            f"{drives} more like {'these' if drives > 1 else 'this'}" if unit == "frame" else f"{more} more"
         )
-        lines.append(
-            f"  for the whole share, about {like}; each by: swardmap evaluate ANOTHER -o {out} --more"
-        )
+        command = f"swardmap evaluate ANOTHER_RECORDING -o {out} --more"
+        lines.append(f"  for the whole share, about {like}, each added by: {command}")
     return lines
 
 

@@ -1,12 +1,15 @@
 """`swardmap train`: a recipe to a checkpoint."""
 
+import shlex
+import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from swardmap.cli.progress import Progress
 from swardmap.errors import ConfigError, require
 
 EXAMPLES = """\b
@@ -49,25 +52,55 @@ def train(
         _distil(chosen, data)
     if world > 1:
         torch.distributed.barrier()
-    run = run_training(chosen, data, out, _Report(chosen.schedule.steps), device)
+    if rank == 0:
+        print(counts_line(chosen, data), flush=True)
+    steps, watched = chosen.schedule.steps, rank == 0 and sys.stderr is not None and sys.stderr.isatty()
+    with Progress("training", "trained", steps, quiet=not watched, things="steps") as bar:
+        run = run_training(chosen, data, out, _Report(steps, bar.show if watched else None), device)
     if world > 1:
         torch.distributed.destroy_process_group()
     if rank == 0:
-        print(f"trained {run.step} steps; best checkpoint: {out / 'best.pt'}")
+        page = _write_page(out, chosen.name, run.history, chosen.schedule.steps)
+        print(f"trained {run.step} steps; best checkpoint: {out / 'best.pt'}; page: {page}")
+
+
+def counts_line(recipe: Any, root: Path) -> str:
+    """What is learned from and checked on, before the first step."""
+    from swardmap.train.photos import image_paths
+
+    learn, check = (
+        sum(len(image_paths(config, root)) for config in recipe.data if config.validation is validation)
+        for validation in (False, True)
+    )
+    schedule = recipe.schedule
+    return f"{schedule.steps} steps on {learn} images, checked on {check} every {schedule.check_every} steps"
+
+
+def _write_page(out: Path, name: str, history: list[dict[str, Any]], steps: int) -> Path:
+    from swardmap.io.files import write_text
+    from swardmap.train.page import training_page
+
+    examples = out / "examples.png"
+    picture = examples.read_bytes() if examples.is_file() else None
+    command = "swardmap " + shlex.join(sys.argv[1:])
+    write_text(out / "report.html", training_page(name, history, steps, picture, command))
+    return out / "report.html"
 
 
 class _Report:
-    """Plain lines: every tenth step its loss and the time left, every validation its figures."""
+    """Lines: soon, and every tenth step, loss and time left, or a bar; every validation its figures."""
 
-    def __init__(self, steps: int) -> None:
-        self._steps = steps
+    def __init__(self, steps: int, show: Callable[[int, int], None] | None = None) -> None:
+        self._steps, self._show = steps, show
         self._first: tuple[int, float] | None = None
 
     def __call__(self, figures: Mapping[str, Any]) -> None:
         step, now = int(figures["step"]), time.monotonic()
         first_step, since = self._first = self._first or (step, now)
         validated = len(figures) > 2
-        if step % 10 and not validated:
+        if self._show is not None:
+            self._show(step, self._steps)
+        if not validated and (self._show is not None or (step % 10 and step != first_step + 1)):
             return
         words = [f"{k} {v:.4g}" if v is not None else f"{k} -" for k, v in figures.items()]
         if step > first_step and not validated:

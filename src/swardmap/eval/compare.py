@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from swardmap import __version__
 from swardmap.errors import InputError
+from swardmap.eval.gathered import gather
 from swardmap.eval.metrics import METRICS, UNDEFINED, Pair, metric
 from swardmap.eval.pages import render, style_sheet, told_command
 from swardmap.eval.results import tallies_of
-from swardmap.eval.run import read_plan, read_records
+from swardmap.eval.tables import Table
 
 Record = Mapping[str, Any]
 
@@ -94,9 +95,9 @@ def compare_runs(
 
 def _named_records(folder: Path) -> tuple[str, dict[str, Record]]:
     """Kind of map of a run, and its frames by name."""
-    plan, total = read_plan(folder)
-    records = [r for r in read_records(folder, total) if "error" not in r]
-    return plan.main, {r["name"] or str(r["index"]): r for r in records}
+    run = gather(folder)
+    records = [r for r in run.records if "error" not in r]
+    return run.plan.main, {r["name"] or str(r["index"]): r for r in records}
 
 
 def _measured(record: Record, key: str) -> list[Pair]:
@@ -199,3 +200,21 @@ def comparison_html(
             for name, one in zip(names, comparisons, strict=True)
         ],
     )
+
+
+def comparison_tables(
+    folders: Sequence[Path], comparisons: Sequence[Comparison], unit: str, confidence: float
+) -> list[Table]:
+    """The comparisons for a paper; arguments as for `comparison_html`."""
+    first, *names = run_names(folders)
+    return [
+        Table(
+            f"C{number}",
+            f"{name} against {first}: {one.frames} frames, {one.units} {unit}s drawn again together; "
+            "a star: the interval leaves 0 out",
+            ("", first, name, "difference", f"{100 * confidence:g} % interval"),
+            tuple(tuple(cell.strip() for cell in difference_row(d)) for d in one.differences),
+            "compare",
+        )
+        for number, (name, one) in enumerate(zip(names, comparisons, strict=True), start=1)
+    ]

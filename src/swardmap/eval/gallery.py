@@ -60,7 +60,7 @@ def frame_view(index: int, seen: FrameAgain, margin_m: float) -> dict[str, Any]:
     predicted = seen.segmentation
     return {
         "id": f"frame-{index}",
-        "name": frame.name or str(index),
+        "name": seen.name,
         "tags": ", ".join(f"{k} {v}" for k, v in sorted(frame.tags.items())),
         "facts": "; ".join(facts(found)),
         "size": size,

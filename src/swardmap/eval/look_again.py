@@ -62,6 +62,7 @@ class FrameAgain:
     """One frame, looked at again.
 
     Attributes:
+        name: of the frame among all of a run.
         frame: with true labels.
         T_map_camera: the pose that was used.
         segmentation: predicted mask.
@@ -69,6 +70,7 @@ class FrameAgain:
         things: in it, the worst first.
     """
 
+    name: str
     frame: Frame
     T_map_camera: Pose
     segmentation: Segmentation
@@ -94,7 +96,8 @@ def look_again(plan: Plan, index: int) -> FrameAgain | None:
         things = find_things(truth, pixels, made.cells(pixels, spec), spec, config, numbered.truth).things
     except SwardmapError:
         return None
-    return FrameAgain(frame, pose, segmentation, comparison, tuple(seen_things(found, things, pose)))
+    name = frame.name or str(index)
+    return FrameAgain(name, frame, pose, segmentation, comparison, tuple(seen_things(found, things, pose)))
 
 
 def seen_things(
@@ -142,7 +145,7 @@ def worst_things(again: Sequence[tuple[int, FrameAgain]], margin_m: float) -> li
         margin_m: that marks are grown by.
     """
     bad = [
-        (thing, index, seen.frame.name or str(index))
+        (thing, index, seen.name)
         for index, seen in again
         for thing in seen.things
         if thing.missed or thing.free_cells

@@ -1,6 +1,7 @@
 """The report: one HTML file that works from a disk, offline, on a phone and in print."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -42,7 +43,10 @@ SECTIONS = {
 def worst_frames(run: Gathered, results: Results, most: int = FRAMES_SHOWN) -> list[tuple[int, FrameAgain]]:
     """The frames with most at stake, looked at again: index and frame, as far as they can still be read."""
     found = ((index, look_again(*run.locate(index))) for index in results["worst"][:most])
-    return [(index, seen) for index, seen in found if seen is not None]
+    names = {r["index"]: r["name"] for r in run.records if r.get("name")}
+    return [
+        (index, replace(seen, name=names.get(index, seen.name))) for index, seen in found if seen is not None
+    ]
 
 
 def report_html(plan: Plan, results: Results, again: Sequence[tuple[int, FrameAgain]] | None = None) -> str:

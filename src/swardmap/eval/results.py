@@ -251,10 +251,13 @@ def summary(value: DistanceSummary) -> dict[str, Any]:
 def _budget_section(plan: Plan, records: Sequence[Record]) -> dict[str, Any]:
     if not plan.with_budget:
         return {"rows": [], "not_run": {"all": "the budget was switched off"}}
-    stages = list(records[0]["budget"]) if records else []
+    # recordings of a run may have clean depth or not; rows of both would not add up
+    stages = max((list(r["budget"]) for r in records), key=len, default=[])
+    whole = [r for r in records if list(r["budget"]) == stages]
+    left_out = len(records) - len(whole)
     _, resolution_m = split_key(plan.main)
     totals = {
-        stage: total_of([MapTally.from_dict(r["budget"][stage], resolution_m) for r in records], resolution_m)
+        stage: total_of([MapTally.from_dict(r["budget"][stage], resolution_m) for r in whole], resolution_m)
         for stage in stages
     }
     rows = []
@@ -264,7 +267,10 @@ def _budget_section(plan: Plan, records: Sequence[Record]) -> dict[str, Any]:
             plain[name] = share(getattr(row, name))
         rows.append(plain | {"d_min": summary(row.d_min)})
     has_pose = np.any([plan.pose_noise.xy_m, plan.pose_noise.yaw_deg, plan.pose_noise.tilt_deg])
-    return {"rows": rows, "not_run": missing_stages("depth alone" in stages, bool(has_pose))}
+    not_run = missing_stages("depth alone" in stages, bool(has_pose))
+    if left_out:
+        not_run[f"{left_out} frames"] = "they have no clean depth; the budget is of the others"
+    return {"rows": rows, "not_run": not_run}
 
 
 def _grouped(

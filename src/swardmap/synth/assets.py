@@ -28,8 +28,9 @@ from swardmap.synth.model import Material, Mesh, Model, Texture
 VARIABLE = "SWARDMAP_GARDEN_ASSETS"
 MODULE = "swardmap_garden_assets"
 INSTALL = (
-    "Install the garden assets from a checkout of swardmap with: pip install ./garden_assets "
-    f"(or name the folder of the bundles in the environment variable {VARIABLE})"
+    "Install the garden assets: pip install the wheel swardmap_garden_assets that lies beside swardmap's in "
+    "each release, or, in a checkout, ./garden_assets (or name the folder of the bundles in the environment "
+    f"variable {VARIABLE})"
 )
 MAX_TEXTURE_PIXELS = 2048 * 2048
 
