@@ -60,7 +60,7 @@ def report_html(plan: Plan, results: Results, again: Sequence[tuple[int, FrameAg
     frames, has_frames = results["frames"], results["masks"]["overall"] is not None
     if again is None:
         again = worst_frames(alone(plan, [{}] * frames["total"]), results)
-    views = frame_views(again[:FRAMES_SHOWN], results["margin_in_use_m"])
+    views = frame_views(_things_first(again)[:FRAMES_SHOWN], results["margin_in_use_m"])
     told: dict[str, Any] = {
         "safety": safety_view(results) if has_frames else None,
         "things": things_view(results, again, {view["id"] for view in views}) if again else None,
@@ -122,6 +122,13 @@ def things_view(results: Results, again: Sequence[tuple[int, FrameAgain]], shown
     listed = sum(thing["dangerous"] for thing in things[:THINGS_SHOWN])
     return {"rows": rows, "margin_m": margin_m, "dangerous": int(dangerous), "listed": listed,
             "frames": len(again)}  # fmt: skip
+
+
+def _things_first(again: Sequence[tuple[int, FrameAgain]]) -> list[tuple[int, FrameAgain]]:
+    """Frames in the order of the worst things in them, so that the first of the list can be looked at."""
+    order = [thing["index"] for thing in worst_things(again, 0.0)]
+    rank = {index: place for place, index in reversed(list(enumerate(order)))}
+    return sorted(again, key=lambda each: rank.get(each[0], len(order)))
 
 
 def _state(thing: Mapping[str, Any], margin_m: float) -> str:

@@ -109,8 +109,8 @@ def _reader(
 def network_plan(config: SegmenterConfig, available: int | None = None) -> tuple[int, int]:
     """How many frames of a recording are segmented at once, and threads of the network for each of them.
 
-    A frame a core with one thread each gets more out of the cores than one frame with all of them, and no
-    frame of a recording is waited for. Where threads are given, or another provider than the CPU is, it takes
+    A frame a core with one thread each leaves no core idle while one frame is decoded, or its layers do not
+    divide; in a recording no frame is waited for. Where threads are given, or another provider than the CPU is, it takes
     one frame at a time, beside the mapping of the one before.
 
     Args:
