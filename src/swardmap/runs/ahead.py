@@ -110,8 +110,8 @@ def network_plan(config: SegmenterConfig, available: int | None = None) -> tuple
     """How many frames of a recording are segmented at once, and threads of the network for each of them.
 
     A frame a core with one thread each leaves no core idle while one frame is decoded, or its layers do not
-    divide; in a recording no frame is waited for. Where threads are given, or another provider than the CPU is, it takes
-    one frame at a time, beside the mapping of the one before.
+    divide; in a recording no frame is waited for. With threads given, or another provider than the CPU,
+    it takes one frame at a time, beside the mapping of the one before.
 
     Args:
         config: of the segmenter.
