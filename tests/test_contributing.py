@@ -36,7 +36,7 @@ def calls_of_one_frame(recording: Path, out: Path) -> list[str]:
     before = sys.getprofile()
     sys.setprofile(note)
     try:
-        map_recording(recording, out, config)
+        map_recording(recording, out, config, ahead=False)  # a profile is of one thread
     finally:
         sys.setprofile(before)
     return calls

@@ -152,7 +152,8 @@ def test_demo_from_the_command_line(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "d/map.png").stat().st_size > 1000
     assert len(list((tmp_path / "d/frames").glob("*.png"))) == 2
-    assert "masks: accuracy" in done.stdout
+    assert "Margin: " in done.stdout
+    assert "swardmap map MY_DRIVE" in done.stdout.splitlines()[-1]
     assert (tmp_path / "d/evaluation/report.html").stat().st_size > 10_000
     again = subprocess.run(command, capture_output=True, text=True, check=False)
     assert again.returncode == 1

@@ -90,7 +90,7 @@ def test_a_camera_that_is_lost_keeps_what_came_and_fails(
     assert run(["map", "realsense:", "-o", str(tmp_path / "out"), *OPTIONS, *patience]) == 1
     captured = capsys.readouterr()
     assert json.loads(captured.out)["frames"] == 3
-    assert f"{tmp_path}/out holds the 3 frames that came." in captured.err
+    assert "holds the 3 frames that came." in captured.err
     assert (tmp_path / "out/summary.json").exists()
 
 
