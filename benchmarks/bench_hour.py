@@ -92,12 +92,12 @@ def way() -> Iterator[tuple[float, float, float]]:
             forward = not forward
 
 
-def drive(scene: Scene, seed: int = 1) -> Iterator[Frame]:
-    """Frames of the mower: it sways, and its heading is never exact. Colour is not needed."""
+def drive(scene: Scene, seed: int = 1, stride: int = 1) -> Iterator[Frame]:
+    """Each `stride`-th frame of the mower: it sways, and its heading is never exact. Colour is not needed."""
     rng = np.random.default_rng(seed)
     black = np.zeros((CAMERA.height, CAMERA.width, 3), np.uint8)
     middles = np.array([np.mean(solid.bounds(), axis=0)[:2] for solid in scene.solids])
-    for i, (x, y, heading_deg) in enumerate(way()):
+    for i, (x, y, heading_deg) in enumerate(islice(way(), 0, None, stride)):
         sway = rng.normal(0, 0.02, 2)
         x, y, heading_deg = x + sway[0], y + sway[1], heading_deg + rng.normal(0, 1.0)
         near = np.hypot(*(middles - (x, y)).T) < RANGE_M + 3
@@ -108,7 +108,7 @@ def drive(scene: Scene, seed: int = 1) -> Iterator[Frame]:
         there = here.matrix.copy()
         there[:2, 3] += EAST_M, NORTH_M
         yield Frame(
-            round(i * 1e9 / RATE_HZ),
+            round(i * stride * 1e9 / RATE_HZ),
             CAMERA,
             black,
             depth,

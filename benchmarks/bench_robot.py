@@ -45,12 +45,12 @@ class Case:
 
     @property
     def name(self) -> str:
-        threads = "" if self.threads == 0 else f", {self.threads} threads"
+        threads = "" if self.threads == 0 else f", threads: {self.threads}"
         queue = "" if self.queue_frames == 2 else f", queue {self.queue_frames}"
         return f"2 x {self.rate_hz:g} /s{threads}{queue}"
 
 
-CASES = (Case(5), Case(7.5), Case(10), Case(15), Case(15, threads=2), Case(15, queue_frames=1))
+CASES = (Case(5), Case(7.5), Case(10), Case(15), Case(15, threads=1), Case(15, threads=1, queue_frames=1))
 
 
 def environment() -> dict[str, str]:

@@ -17,7 +17,7 @@ from std_srvs.srv import SetBool, Trigger
 
 def ask(node: Any, kind: Any, name: str, request: Any) -> Any:
     client = node.create_client(kind, f"swardmap/{name}")
-    if not client.wait_for_service(timeout_sec=30):
+    if not client.wait_for_service(timeout_sec=150):
         raise SystemExit(f"no service {name}")
     future = client.call_async(request)
     rclpy.spin_until_future_complete(node, future, timeout_sec=30)

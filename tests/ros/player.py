@@ -40,6 +40,9 @@ TYPES = {
     "sensor_msgs/msg/CameraInfo": CameraInfo,
     "nav_msgs/msg/Odometry": Odometry,
 }
+COMES_UP_S = 150.0
+"""The node compiles its kernels first, on a machine that has none of them yet."""
+
 SETTLED = 10
 """Reports in which nothing more is mapped: a second."""
 
@@ -231,7 +234,7 @@ def main() -> int:
         heard = heard and all(p.get_subscription_count() for p in pubs.values())
         return heard and all(heard_as_offered(topic) for topic in sensors)
 
-    if not until(node, ready, 60):
+    if not until(node, ready, COMES_UP_S):
         sys.stderr.write("the node did not come up\n")
         return 1
     ears.before = ears.health[-1]["mapped"]  # by the node, of what was played to it before

@@ -6,7 +6,7 @@ python -m swardmap.ros.gate_node --ros-args -p margin_m:=0.28 -r odom:=/odometry
 import dataclasses
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -102,13 +102,27 @@ class GateNode:
 
 def cell_centres_m(message: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
     """(N, 2) x and y of a sensor_msgs/PointCloud2 with float32 coordinates."""
+    return cloud_points_m(message)[:, :2]
+
+
+def cloud_points_m(message: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """(N, 3) points of a sensor_msgs/PointCloud2 with float32 coordinates."""
+    points = _points(message, dict.fromkeys("xyz", "<f4"))
+    return np.column_stack([points[axis] for axis in "xyz"]).astype(np.float64)
+
+
+def point_labels(message: Any) -> np.ndarray[Any, np.dtype[np.uint32]]:
+    """(N,) labels of a sensor_msgs/PointCloud2 with uint32 labels."""
+    return _points(message, {"label": "<u4"})["label"].copy()
+
+
+def _points(message: Any, formats: Mapping[str, str]) -> np.ndarray[Any, np.dtype[np.void]]:
     offsets = {field.name: field.offset for field in message.fields}
     layout = np.dtype(
-        {"names": ["x", "y"], "formats": ["<f4"] * 2, "offsets": [offsets["x"], offsets["y"]],
-         "itemsize": message.point_step}
+        {"names": list(formats), "formats": list(formats.values()),
+         "offsets": [offsets[name] for name in formats], "itemsize": message.point_step}
     )  # fmt: skip
-    points = np.frombuffer(message.data, layout, count=message.width * message.height)
-    return np.column_stack([points["x"], points["y"]]).astype(np.float64)
+    return np.frombuffer(message.data, layout, count=message.width * message.height)
 
 
 def run_gate(arguments: Sequence[str] = ()) -> None:

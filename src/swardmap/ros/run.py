@@ -4,7 +4,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -18,12 +18,17 @@ WAITS_S = 0.2
 """A wait for messages takes at most so long: Python looks for signals between two of them."""
 
 
-def run_node(defaults: Parameters | None = None, arguments: Sequence[str] = ()) -> None:
+def run_node(
+    defaults: Parameters | None = None,
+    arguments: Sequence[str] = (),
+    goes_on: Callable[[], bool] = lambda: True,
+) -> None:
     """Run the node until Ctrl-C, SIGTERM or a shutdown of ROS; the last it says is stop, nothing free.
 
     Args:
         defaults: what parameters are unless ROS says otherwise.
         arguments: `--ros-args` and what follows.
+        goes_on: asked a few times a second; it ends when this is false.
 
     Raises:
         MissingExtraError: if there is no rclpy.
@@ -50,7 +55,7 @@ def run_node(defaults: Parameters | None = None, arguments: Sequence[str] = ()) 
             raise InputError("the node could not be configured: see its log")
         executor = SingleThreadedExecutor()
         executor.add_node(robot.node)
-        while rclpy.ok() and not ended.is_set():
+        while rclpy.ok() and not ended.is_set() and goes_on():
             executor.spin_once(timeout_sec=WAITS_S)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass  # how a node is stopped

@@ -129,7 +129,8 @@ class GardenSource:
         rgb = photograph(radiance, faults, rng)
         depth = to_millimetres(view.depth_m)
         if sensor is not None:
-            depth = _sensed(view, rgb, self.intrinsics, sensor, dropout if heavy_loss else None, rng)
+            model = replace(sensor, dropout=dropout) if heavy_loss else sensor
+            depth = sensed_depth(view, rgb, self.intrinsics, model, rng)
         frame = Frame(
             stamp_ns,
             self.intrinsics,
@@ -175,16 +176,23 @@ def to_millimetres(depth_m: NDArray[np.floating]) -> NDArray[np.uint16]:
     return np.where(millimetres <= MAX_DEPTH_MM, millimetres, 0).astype(np.uint16)
 
 
-def _sensed(
+def sensed_depth(
     view: View,
     rgb: NDArray[np.uint8],
     intrinsics: Intrinsics,
     sensor: StereoModel,
-    dropout: float | None,
     rng: np.random.Generator,
 ) -> NDArray[np.uint16]:
+    """Depth of the stereo sensor in millimetres, of what a camera sees; (H, W) uint16, 0 = no reading.
+
+    Args:
+        view: of an ideal camera.
+        rgb: its picture: where it is plain, stereo finds less.
+        intrinsics: of both.
+        sensor: the sensor.
+        rng: source of the noise.
+    """
     import cv2
 
     gray = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
-    model = sensor if dropout is None else replace(sensor, dropout=dropout)
-    return stereo_depth(view.depth_m, gray, intrinsics.fx, model, rng)
+    return stereo_depth(view.depth_m, gray, intrinsics.fx, sensor, rng)

@@ -10,6 +10,7 @@ from swardmap.synth.config import RigConfig, SynthConfig
 from swardmap.synth.model import Float32Array, Garden, Light, View
 
 if TYPE_CHECKING:
+    from swardmap.synth.assets import Assets
     from swardmap.synth.render import GardenRenderer
 
 Drive = tuple[Intrinsics, Sequence[tuple[int, Pose]]]
@@ -67,6 +68,11 @@ class GardenStage:
         """Digest of the assets, and the driver once it has drawn."""
         driver = "" if self._renderer is None else self._renderer.driver
         return {"assets": "none" if self._assets is None else self._assets.digest, "driver": driver}
+
+    @property
+    def assets(self) -> "Assets | None":
+        """Ready-made models and bodies; None where the scene is to have none."""
+        return self._assets
 
     def garden(self, seed: int) -> Garden:
         """See `build_garden`."""

@@ -220,7 +220,7 @@ def _camera_pose(
     ground: Terrain, rig: MowerCamera, x: float, y: float, yaw: float, shake: Float64Array
 ) -> Pose:
     """T_map_camera of a mower whose wheels stand on the ground at x, y."""
-    base = Pose(MAP_FRAME, "base", _on_wheels(ground, x, y, yaw))
+    base = Pose(MAP_FRAME, "base", on_wheels(ground, x, y, yaw))
     dz, roll, pitch = shake * [rig.vibration_m, rig.vibration_deg, rig.vibration_deg]
     mount = mount_pose(
         rig.height_m + dz, rig.pitch_deg + pitch, rig.roll_deg + roll, xy_m=(rig.forward_m, rig.left_m)
@@ -228,7 +228,7 @@ def _camera_pose(
     return base @ mount
 
 
-def _on_wheels(ground: Terrain, x: float, y: float, yaw: float) -> Float64Array:
+def on_wheels(ground: Terrain, x: float, y: float, yaw: float) -> Float64Array:
     """T_map_base: on the plane that fits the ground under the four wheels best, heading along yaw."""
     a, b = WHEELS_M
     wheels = np.array([(a, b), (a, -b), (-a, b), (-a, -b)])
