@@ -9,6 +9,7 @@ import pytest
 from swardmap.geometry import Pose
 from swardmap.grid import GridSpec
 from swardmap.ros.driver import COSTMAP_TIMEOUT_S, FOR_PERSONS, GATE, STILL, Driver, Heard
+from swardmap.ros.driver_ears import upright_m
 from swardmap.ros.gate import GateInputs
 
 SPEC = GridSpec(0.1, 100, 60, (-2.0, -3.0))
@@ -132,3 +133,13 @@ def test_it_drives_around_a_bed_and_arrives() -> None:
     else:
         pytest.fail(f"it ended at {x:.2f}, {y:.2f}")
     assert nearest_m > 0.4
+
+
+def test_a_spot_on_the_lawn_is_nobody_however_it_is_labelled() -> None:
+    rng = np.random.default_rng(0)
+    spot = np.column_stack([rng.uniform(1, 2, (200, 2)), rng.uniform(-0.1, 0.1, 200)])
+    shoes = np.column_stack([rng.uniform(1, 2, (200, 2)), rng.uniform(-0.05, 0.25, 200)])
+    assert len(upright_m(spot)) == 0
+    assert len(upright_m(spot[:0])) == 0
+    assert len(upright_m(shoes)) > 50
+    assert len(upright_m(np.array([(1.0, 0.0, 0.5)] * 9))) == 0  # a few points float

@@ -98,7 +98,7 @@ class Driver:
             return STILL, "no free cell is near"
         blocked = self.way.short_m > BLOCKED_M and np.hypot(*(self.way.xy_m[-1] - (x, y))) < BLOCKED_M
         wish = Command(0.0, self._turn_rps) if blocked else self._towards(self.way, T_map_base)
-        reason = refusal(wish, heard.gate, now_s, GATE) or self._person(wish, T_map_base, heard, now_s)
+        reason = self._person(wish, T_map_base, heard, now_s) or refusal(wish, heard.gate, now_s, GATE)
         if blocked and not reason:
             return wish, "no way through free cells is known: it looks around"
         return (STILL, reason) if reason else (wish, "")

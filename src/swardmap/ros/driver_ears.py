@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swardmap.geometry import Pose
 from swardmap.grid import GridSpec
@@ -14,6 +15,15 @@ from swardmap.ros.driver import Heard
 from swardmap.ros.gate_node import cell_centres_m, cloud_points_m, point_labels
 from swardmap.ros.topics import find_types, latched_qos
 
+LOW_M, FEW = 0.12, 10
+"""Somebody shows so many points at least that lie higher than that above the ground of the robot."""
+
+
+def upright_m(points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Of the points (N, 3) of persons, in the robot's base, those of somebody: not of a spot on the lawn."""
+    high = points_m[points_m[:, 2] > LOW_M]
+    return high if len(high) >= FEW else high[:0]
+
 
 class DriverEars:
     """Subscribes to the node's outputs.
@@ -21,7 +31,8 @@ class DriverEars:
     Args:
         node: of rclpy, in the namespace of the node that is heard.
         now_s: the clock that says when something came.
-        T_map_camera_at: pose of the camera at the stamp of an image; None where it is not known.
+        T_map_base_at: pose of the robot at the stamp of an image; None where it is not known.
+        T_base_camera: where the camera sits.
 
     Attributes:
         heard: what came, and when.
@@ -30,14 +41,18 @@ class DriverEars:
     """
 
     def __init__(
-        self, node: Any, now_s: Callable[[], float], T_map_camera_at: Callable[[int], Pose | None]
+        self,
+        node: Any,
+        now_s: Callable[[], float],
+        T_map_base_at: Callable[[int], Pose | None],
+        T_base_camera: Pose,
     ) -> None:
         from nav_msgs.msg import OccupancyGrid
         from sensor_msgs.msg import PointCloud2
         from std_msgs.msg import Bool, String
 
         self.heard, self.mapped_ns, self.node_ns = Heard(), 0, 0
-        self._now_s, self._T_map_camera_at = now_s, T_map_camera_at
+        self._now_s, self._T_map_base_at, self._T_base_camera = now_s, T_map_base_at, T_base_camera
         update = find_types()["updates"]
         node.create_subscription(OccupancyGrid, "swardmap/costmap", self.on_costmap, latched_qos())
         node.create_subscription(PointCloud2, "swardmap/obstacle_cells", self.on_cells, 1)
@@ -61,10 +76,10 @@ class DriverEars:
 
     def on_seen(self, message: Any) -> None:
         """Take the persons that the last image shows; the map remembers those who left its view, too."""
-        T_map_camera = self._T_map_camera_at(stamp_ns(message.header.stamp))
-        if T_map_camera is not None:
+        T_map_base = self._T_map_base_at(stamp_ns(message.header.stamp))
+        if T_map_base is not None:
             seen = cloud_points_m(message)[point_labels(message) == PERSON.id]
-            self.heard.persons_m = T_map_camera.apply(seen)[:, :2]
+            self.heard.persons_m = T_map_base.apply(upright_m(self._T_base_camera.apply(seen)))[:, :2]
 
     def on_costmap(self, message: Any) -> None:
         """Take a whole costmap."""

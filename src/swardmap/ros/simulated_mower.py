@@ -101,7 +101,7 @@ class SimulatedMower:
         self._goes_out, self._meets, self._reason = True, False, "it waits for the node"
         self._driver, self._command = Driver(), Command(0.0, 0.0)
         self._looked_from: dict[int, Pose] = {}
-        self._ears = DriverEars(node, lambda: self._now_ns / 1e9, self._looked_from.get)
+        self._ears = DriverEars(node, lambda: self._now_ns / 1e9, self._looked_from.get, garden.T_base_camera)
         self._round_ns, self._way_m, self._nearest_m = self._now_ns, 0.0, math.inf
         self._tf = find_types()["tf"]
         self._publish_to = _publishers(node, self._tf)
@@ -138,7 +138,7 @@ class SimulatedMower:
             return
         self._imaged_ns = now_ns
         frame = self.garden.look(T_map_base, now_ns)
-        self._looked_from[now_ns] = T_map_base @ self.garden.T_base_camera
+        self._looked_from[now_ns] = T_map_base
         if len(self._looked_from) > REMEMBERED:
             self._looked_from.pop(min(self._looked_from))
         info = camera_info_fields(frame.intrinsics, now_ns, OPTICAL)
