@@ -16,6 +16,7 @@ from swardmap.ros.gate import Command, GateConfig, GateInputs, nearest_in_zone_m
 from swardmap.ros.route import INSCRIBED, Route, route
 
 STILL = Command(0.0, 0.0)
+NOWHERE = "no free cell is near"
 HALF_WIDTH_M, FRONT_M, REAR_M, TURN_RADIUS_M = 0.3, 0.4, 0.3, 0.45
 INSCRIBED_M = 0.5
 """Radius of the costmap that the ways are planned on: the circle that turning sweeps, and some air."""
@@ -95,7 +96,7 @@ class Driver:
         x, y, _ = T_map_base.position_m.tolist()
         self._plan((x, y), goal_m, heard.costs, heard.spec, now_s)
         if self.way is None:
-            return STILL, "no free cell is near"
+            return STILL, NOWHERE
         blocked = self.way.short_m > BLOCKED_M and np.hypot(*(self.way.xy_m[-1] - (x, y))) < BLOCKED_M
         wish = Command(0.0, self._turn_rps) if blocked else self._towards(self.way, T_map_base)
         reason = self._person(wish, T_map_base, heard, now_s) or refusal(wish, heard.gate, now_s, GATE)

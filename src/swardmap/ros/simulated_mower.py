@@ -18,7 +18,7 @@ from swardmap.io.bags.ros_fields import (
     tf_fields,
     time_fields,
 )
-from swardmap.ros.driver import Driver
+from swardmap.ros.driver import NOWHERE, Driver
 from swardmap.ros.driver_ears import DriverEars
 from swardmap.ros.gate import Command
 from swardmap.ros.messages import ros_message
@@ -36,6 +36,7 @@ KEEPS_UP_S = 20.0
 """So long at most time stands still for the node; for one that is dead the silent stop flag stands in."""
 
 REACHED_M, SETS_OUT_M = 0.6, 0.2
+ASKS_NS = 3_000_000_000
 OPTICAL = "camera"
 REMEMBERED = 50
 """Images whose poses are known."""
@@ -81,6 +82,26 @@ class MowerWorld(Protocol):
         """What the camera sees."""
 
 
+class Grants:
+    """The operator beside the mower, who grants it a start area when it cannot set out.
+
+    Args:
+        node: of rclpy.
+    """
+
+    def __init__(self, node: Any) -> None:
+        from std_srvs.srv import Trigger
+
+        self._client = node.create_client(Trigger, "swardmap/grant_start_area")
+        self._request, self._asked_ns = Trigger.Request(), 0
+
+    def ask(self, now_ns: int) -> None:
+        """Ask for it, not more often than every few seconds."""
+        if now_ns - self._asked_ns > ASKS_NS and self._client.service_is_ready():
+            self._asked_ns = now_ns
+            self._client.call_async(self._request)
+
+
 class SimulatedMower:
     """Drives to the goal and back, round after round.
 
@@ -103,6 +124,7 @@ class SimulatedMower:
         self._looked_from: dict[int, Pose] = {}
         self._ears = DriverEars(node, lambda: self._now_ns / 1e9, self._looked_from.get, garden.T_base_camera)
         self._round_ns, self._way_m, self._nearest_m = self._now_ns, 0.0, math.inf
+        self._grants = Grants(node)
         self._tf = find_types()["tf"]
         self._publish_to = _publishers(node, self._tf)
 
@@ -121,6 +143,8 @@ class SimulatedMower:
         goal_m = self.garden.goal_m if self._goes_out else (0.0, 0.0)
         self._command, reason = self._driver.command(goal_m, heard, self._now_ns / 1e9)
         self._say(reason)
+        if reason == NOWHERE and self._way_m < SETS_OUT_M:
+            self._grants.ask(self._now_ns)
         self._move(goal_m)
         self._tell()
         self._now_ns += PERIOD_NS
