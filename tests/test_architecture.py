@@ -30,6 +30,7 @@ MAY_IMPORT: dict[str, tuple[str, ...]] = {
     "eval": (*CORE, "kernels", "runs", "io", "models", "viz"),
     "synth": (*CORE, "runs", "io"),
     "train": (*CORE, "io", "models", "eval"),  # for the confusion matrix
+    "teach": (*CORE, "io", "models", "viz", "eval", "train"),
     "ros": (*CORE, "kernels", "runs", "io", "models"),
 }
 """Which rooms a room may import; the command line, the package's door and `python -m` may import all."""

@@ -28,6 +28,8 @@ from swardmap.cli.ros import EXAMPLES as ROS_EXAMPLES
 from swardmap.cli.ros import ros_command
 from swardmap.cli.synth import EXAMPLES as SYNTH_EXAMPLES
 from swardmap.cli.synth import synth
+from swardmap.cli.teach import EXAMPLES as TEACH_EXAMPLES
+from swardmap.cli.teach import teach_command
 from swardmap.cli.train import EXAMPLES as TRAIN_EXAMPLES
 from swardmap.cli.train import train
 from swardmap.cli.view import EXAMPLES as VIEW_EXAMPLES
@@ -67,6 +69,7 @@ app.command("evaluate", epilog=EVALUATE_EXAMPLES)(evaluate_command)
 app.command("compare", epilog=COMPARE_EXAMPLES)(compare_command)
 app.command("convert")(convert)
 app.command("synth", epilog=SYNTH_EXAMPLES)(synth)
+app.command("teach", epilog=TEACH_EXAMPLES)(teach_command)
 app.command("train", epilog=TRAIN_EXAMPLES)(train)
 app.command("export")(export)
 app.command("ros", epilog=ROS_EXAMPLES)(ros_command)

@@ -28,6 +28,9 @@ def doctor(
     seconds: Annotated[
         float, typer.Option(min=0, help="Time to measure how fast this machine maps; 0 = do not.")
     ] = 10.0,
+    segmenter: Annotated[
+        Path | None, typer.Option("--segmenter", help="Network file to tell about: what it was taught.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Say what works on this machine, how fast it maps, and what would make it faster.
@@ -38,8 +41,11 @@ def doctor(
     needed = [_check(name, probe) for name, probe in NEEDED.items()]
     optional = [_check(name, probe) for name, probe in OPTIONAL.items()]
     works = all(ok for _, ok, _ in needed)
+    taught = None if segmenter is None else _taught(segmenter)
     if as_json:
         rows: dict[str, Any] = {n: {"works": ok, "about": about} for n, ok, about in [*needed, *optional]}
+        if segmenter is not None:
+            rows["network"] = {"file": str(segmenter), "taught": taught}
         if works and seconds:
             speeds = measured(seconds)
             rows["speed"] = {"measured": [asdict(s) for s in speeds], "faster": faster(speeds)}
@@ -49,12 +55,36 @@ def doctor(
             print(f"{title}:")
             for name, ok, about in checks:
                 print(f"  {'ok ' if ok else '-- '} {name:<18} {about}")
+        if segmenter is not None:
+            print("\n".join(taught_lines(segmenter, taught)))
         if works and seconds:
             speeds = measured(seconds)
             print("speed, from a 640 x 480 frame to the map, one after another:")
             print("\n".join(f"     {line}" for line in [*map(speed_line, speeds), *faster(speeds)]))
     if not works:
         raise typer.Exit(1)
+
+
+def _taught(path: Path) -> dict[str, Any] | None:
+    """What `swardmap teach` wrote into a network file; None for one that was not taught."""
+    from swardmap.models.onnx import OnnxSegmenter
+
+    found = OnnxSegmenter(path, 1).spec.training.get("taught")
+    return found if isinstance(found, dict) else None
+
+
+def taught_lines(path: Path, taught: dict[str, Any] | None) -> list[str]:
+    """What a network was taught, and what that was measured to change."""
+    if taught is None:
+        return [f"network {path}: not taught by a drive"]
+    from swardmap.teach.gate import table
+
+    drives = ", ".join(map(str, taught.get("drives", [])))
+    about = f"{taught.get('driven_m2')} m2 of lawn in {taught.get('frames')} frames of {drives}"
+    return [
+        f"network {path}: taught from {taught.get('from')} ({taught.get('from_digest')}) by {about}",
+        *(f"     {line}" for line in table(taught.get("figures", {}))),
+    ]
 
 
 def measured(seconds: float) -> list["Speed"]:

@@ -13,7 +13,8 @@ SHORT = {
     "compare": "Put evaluations side by side.",
     "convert": "Convert a map, a costmap, a cloud or annotations.",
     "synth": "Film procedural gardens with exact truth.",
-    "train": "Teach a network your own lawn; goes on where it was.",
+    "teach": "Teach the network your lawn by one drive over it.",
+    "train": "Train a network by a recipe; goes on where it was.",
     "export": "Export a network to ONNX with its metadata.",
     "ros": "Run the ROS 2 node.",
     "nav2": "Write parameter files for the node and for Nav2.",
@@ -45,10 +46,13 @@ DEFAULT = {
     "jpeg": "raw",
     "masks": "the recording's own",
     "size": "the recipe's",
+    "start": "the package's",
+    "steps": "100",
+    "footprint": "a circle",
 }
 """What happens where such an option is not given; the rest say "none"."""
 
-OF_VERB = {("evaluate", "resolution"): "0.05 and 0.1"}
+OF_VERB = {("evaluate", "resolution"): "0.05 and 0.1", ("nav2", "footprint"): "none"}
 
 
 def complete(group: Any) -> Any:

@@ -124,6 +124,8 @@ def train_step(run: Run, sets: Sequence[PhotoSet], codes: Codes, rank: int = 0, 
     for group in run.optimizer.param_groups:
         group["lr"] = group["peak"] * _warmup_cosine(run.step, schedule.warmup, schedule.steps)
     run.network.train()
+    if schedule.frozen_norms:
+        freeze_norms(run.network)
     image, view_codes, fine = _tensors(views, run)
     half = torch.autocast(run.device.type, torch.bfloat16, enabled=schedule.precision == "bf16")
     with half:
@@ -144,6 +146,21 @@ def train_step(run: Run, sets: Sequence[PhotoSet], codes: Codes, rank: int = 0, 
     run.step += 1
     _update_average(run)
     return float(loss.detach())
+
+
+def freeze_norms(network: nn.Module) -> None:
+    """Let batch norms go by the statistics they have, until the next `network.train()`."""
+    for module in network.modules():
+        if isinstance(module, nn.BatchNorm2d):
+            module.eval()
+
+
+def quick_precision(device: str) -> str:
+    """`bf16` where the device computes with it quickly, else `fp32`."""
+    if device.startswith("cuda"):
+        return "bf16" if torch.cuda.is_bf16_supported() else "fp32"
+    quick = getattr(torch.ops.mkldnn, "_is_mkldnn_bf16_supported", None)
+    return "bf16" if quick is not None and quick() else "fp32"
 
 
 @torch.no_grad()

@@ -84,6 +84,9 @@ class ScheduleConfig(Checked):
     covered: float = setting(
         0.0, "share of views of a covered lens, an obstacle everywhere", minimum=0, maximum=1
     )
+    frozen_norms: bool = setting(
+        False, "batch norms keep the statistics they begin with: for a short run from a network's file"
+    )
     check_every: int = setting(100, "steps from one checkpoint and validation to the next", minimum=1)
     seed: int = setting(0, "")
     precision: str = setting("bf16", "", choices=("bf16", "fp32"))

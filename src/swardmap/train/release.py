@@ -9,12 +9,12 @@ from typing import Any
 import torch
 
 from swardmap.models.spec import NetworkSpec
-from swardmap.train.build import HEAD, add_grass_bias, network_spec
+from swardmap.train.build import HEAD, add_grass_bias, export_shift, network_spec
 from swardmap.train.calibrate import fit_class_biases, fit_temperature, labelled_logits
 from swardmap.train.checkpoint import blended, load_network
 from swardmap.train.data import load_photos
 from swardmap.train.evaluate import evaluate_network
-from swardmap.train.export import export_onnx, quantise, with_spec
+from swardmap.train.export import export_onnx, quantise, read_spec, with_spec
 from swardmap.train.familiar import teach_familiar
 from swardmap.train.networks import DeepLabV3Plus
 from swardmap.train.photos import Photo
@@ -32,6 +32,7 @@ def release(
     blend: Sequence[tuple[Path, float]] = (),
     calibrate_classes: bool = False,
     familiar: bool = True,
+    biases_of: Path | None = None,
 ) -> dict[str, Any]:
     """Write `out`, and say what it costs and how good it is on the recipe's validation data.
 
@@ -47,6 +48,8 @@ def release(
         blend: other checkpoints and their shares of the weights, mixed in one after another; see `blended`.
         calibrate_classes: fit a bias for each class on the validation data, before `grass_bias` is added.
         familiar: teach the file which images it knows; see `make_familiar`.
+        biases_of: a network file whose class biases are added as they are: the one that the training began
+            from, which took them away.
 
     Returns:
         Figures of both precisions, the INT8 loss in points of grass IoU, temperature, size, and what
@@ -71,6 +74,8 @@ def release(
     held = {s.config.name: s.photos for s in load_photos(recipe, root, validation=True)}
     if calibrate_classes and held:
         training["class_biases"] = _calibrate_classes(network, spec, held, plain)
+    if biases_of is not None:
+        training |= _add_biases_of(network, biases_of)
     spec = replace(spec, training=training)
     add_grass_bias(network, spec, grass_bias)
     difference = export_onnx(network, spec, plain)
@@ -112,6 +117,15 @@ def make_familiar(path: Path, recipe: Recipe, root: Path) -> dict[str, Any]:
         for validation in (False, True)
     )
     return teach_familiar(path, known, held, recipe.augment)
+
+
+@torch.no_grad()
+def _add_biases_of(network: DeepLabV3Plus, path: Path) -> dict[str, Any]:
+    """Add to the head what another file of the same classes says was added to its own, and return that."""
+    source = read_spec(path)
+    shift = export_shift(source)
+    network.get_parameter(HEAD[1]).add_(shift)
+    return {"class_biases": [round(float(b), 4) for b in shift]}
 
 
 @torch.no_grad()

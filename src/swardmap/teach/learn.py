@@ -1,0 +1,146 @@
+"""Learning from the labels of a drive with replay, and files to choose from. Needs the extra `train`."""
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from swardmap.errors import ConfigError, require
+from swardmap.labels import GRASS_OBSTACLE_PERSON
+from swardmap.models.spec import NetworkSpec
+from swardmap.teach.plan import LearnConfig
+from swardmap.teach.safety import REPLAY
+from swardmap.teach.write import HELD, LEARN, SAID
+from swardmap.train.recipe import AugmentConfig, DataConfig, NetworkConfig, Recipe, ScheduleConfig
+
+START_SHARES = (0.0, 0.4, 0.7)
+"""Of the weights it began with, mixed in: what is tried one after another until the gate lets one pass."""
+CALIBRATION_IMAGES = 48
+DEMO = Path(__file__).parent.parent / "data" / "demo"
+HOLD_OUT = 12
+"""Every so many of the gardens are not learnt from."""
+
+Report = Callable[[Mapping[str, Any]], None]
+
+
+def teach_recipe(
+    name: str, start: Path, licence: str, learn: LearnConfig, more: Sequence[Path], precision: str
+) -> Recipe:
+    """What is learnt and how: half the views are of the drive, half of gardens with exact labels.
+
+    Args:
+        name: of the network.
+        start: the file it begins from.
+        licence: of that file.
+        learn: steps and rates.
+        more: recordings with true labels to replay beside what is in the package.
+        precision: bf16 or fp32.
+    """
+    n = learn.replay
+    shares = {"gardens": 0.8 * n, "demo": 0.2 * n} if not more else {"gardens": 0.4 * n, "demo": 0.1 * n}
+    data = [
+        DataConfig(name="drive", folder=LEARN, pseudo=SAID, weight=1 - n, person_boost=2),
+        DataConfig(
+            name="gardens", folder=str(REPLAY), weight=shares["gardens"], person_boost=3, hold_out=HOLD_OUT
+        ),
+        DataConfig(name="demo", folder=str(DEMO), kind="recording", weight=shares["demo"], person_boost=2),
+        *(
+            DataConfig(name=f"more-{i}", folder=str(m.absolute()), kind="recording", weight=n / 2 / len(more))
+            for i, m in enumerate(more)
+        ),
+        DataConfig(name="held", folder=HELD, validation=True),
+        DataConfig(name="gardens-held", folder=str(REPLAY), validation=True, hold_out=HOLD_OUT),
+    ]  # fmt: skip
+    schedule = ScheduleConfig(
+        steps=learn.steps, batch=learn.batch, crop=0, zoom=1.3, decoder_rate=learn.decoder_rate,
+        encoder_rate=learn.encoder_rate, warmup=min(5, learn.steps), averaging=0.95, person_weight=2.0,
+        pseudo_weight=0.3, paste_person=0.25, covered=0.02, check_every=learn.check_every,
+        precision=precision, frozen_norms=True,
+    )  # fmt: skip
+    told = f"{licence} Taught by a drive over its owner's lawn.".strip()
+    return Recipe(
+        name,
+        NetworkConfig(),
+        schedule,
+        AugmentConfig(scale=0.5, harsh=0.25),
+        tuple(data),
+        (),
+        told,
+        str(start),
+    )
+
+
+def check_start(spec: NetworkSpec, path: Path) -> None:
+    """Hold that a network can be taught.
+
+    Raises:
+        ConfigError: if it tells other classes apart than grass, other and person.
+    """
+    if spec.label_set != GRASS_OBSTACLE_PERSON or spec.activation != "softmax":
+        names = ", ".join(c.name for c in spec.label_set.classes)
+        raise ConfigError(f"{path}: expected a network of the classes other, grass and person, got {names}")
+
+
+def learn_labels(recipe: Recipe, folder: Path, report: Report, device: str, threads: int) -> Path:
+    """Train until the recipe's last step; goes on where it was. Returns the folder of the checkpoints."""
+    torch = require("torch", "train")
+    from swardmap.train.loop import train
+
+    if threads:
+        torch.set_num_threads(threads)
+    train(recipe, folder, folder / "run", report, device)
+    return folder / "run"
+
+
+def device_and_precision(device: str) -> tuple[str, str]:
+    """The device that `auto` means, and the precision it is quick in."""
+    torch = require("torch", "train")
+    from swardmap.train.loop import quick_precision
+
+    chosen = ("cuda" if torch.cuda.is_available() else "cpu") if device == "auto" else device
+    return chosen, quick_precision(chosen)
+
+
+def export_candidate(
+    run: Path, folder: Path, out: Path, start: Path, spec: NetworkSpec, share: float
+) -> None:
+    """Write a network with a share of the weights it began with: INT8, size and biases as the start has them.
+
+    Args:
+        run: folder of the checkpoints.
+        folder: the data root.
+        out: the .onnx file.
+        start: the file that it began from.
+        spec: of that file.
+        share: of the start's weights.
+    """
+    from swardmap.train.export import read_spec, with_spec
+    from swardmap.train.release import release
+
+    blend = ((run / "start.pt", share),) if share > 0 else ()
+    release(
+        run / "last.pt", folder, out, images=CALIBRATION_IMAGES, size=(spec.width, spec.height), blend=blend,
+        familiar=False, biases_of=start,
+    )  # fmt: skip
+    with_spec(out, temperature=max(spec.temperature, read_spec(out).temperature))
+
+
+def know_images(path: Path, recipe: Recipe, folder: Path) -> None:
+    """Teach a network file which images it knows: those of the drive and what was replayed."""
+    from swardmap.train.release import make_familiar
+
+    make_familiar(path, recipe, folder)
+
+
+def read_network(path: Path) -> NetworkSpec:
+    """What a network file says about itself, without torch."""
+    from swardmap.models.onnx import OnnxSegmenter
+
+    return OnnxSegmenter(path, 1).spec
+
+
+def tell(path: Path, taught: Mapping[str, Any]) -> NetworkSpec:
+    """Put what was measured into the file."""
+    from swardmap.train.export import with_spec
+
+    spec = read_network(path)
+    return with_spec(path, training={**spec.training, "taught": dict(taught)})

@@ -1,0 +1,250 @@
+"""`swardmap teach` from end to end: labels and a page; and where that is wished, learning, gate, file."""
+
+import hashlib
+import shutil
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from swardmap import __version__
+from swardmap.config import Config, config_to_dict
+from swardmap.errors import ConfigError, ModelError, OutputError
+from swardmap.io import FrameSource
+from swardmap.io.door import read_json
+from swardmap.io.files import output_error, read_bytes, write_text
+from swardmap.mapping.work_area import WorkArea
+from swardmap.models import build_segmenter, bundled_network
+from swardmap.models.spec import NetworkSpec
+from swardmap.teach.drive import read_drive
+from swardmap.teach.gate import Verdict, judge, measure
+from swardmap.teach.learn import (
+    START_SHARES,
+    check_start,
+    device_and_precision,
+    export_candidate,
+    know_images,
+    learn_labels,
+    read_network,
+    teach_recipe,
+    tell,
+)
+from swardmap.teach.page import JudgedDrive, teach_page, warnings
+from swardmap.teach.plan import TeachPlan
+from swardmap.teach.write import HELD, LEARN, SAID, Written, doubt_of, ground_of, write_facts, write_labels
+
+FACTS, PAGE, GATE = "labels.json", "page.html", "gate.json"
+RUN = "run"
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What is taught.
+
+    Attributes:
+        sources: the recordings.
+        out: the network file.
+        start: the network it begins from; None = the package's.
+        config: mount, ranges, ground, work area.
+        plan: footprint, spans, limits, learning.
+        area: work area, or None.
+        unwanted: areas that nothing is learnt in.
+        replay: recordings with true labels to replay.
+        command: that goes on after a look at the page.
+    """
+
+    sources: Sequence[FrameSource]
+    out: Path
+    config: Config
+    plan: TeachPlan
+    start: Path | None = None
+    area: WorkArea | None = None
+    unwanted: tuple[WorkArea, ...] = ()
+    replay: tuple[Path, ...] = ()
+    command: str = ""
+
+    @property
+    def folder(self) -> Path:
+        """Where labels, page and checkpoints are kept."""
+        return self.out.with_suffix(".teach")
+
+    @property
+    def start_file(self) -> Path:
+        """The network it begins from.
+
+        Raises:
+            ModelError: if this package holds none, and none was named.
+        """
+        found = self.start or bundled_network()
+        if found is None:
+            raise ModelError("this package holds no network to begin from; name one with --start")
+        if found.absolute() == self.out.absolute():
+            raise ConfigError(
+                f"{self.out}: the new network must not replace the one it begins from; name another file"
+            )
+        return found
+
+
+@dataclass(frozen=True)
+class Labelled:
+    """What came of the labels: numbers, and lines that a person should read."""
+
+    facts: Mapping[str, Any]
+    warnings: Sequence[str] = field(default_factory=tuple)
+
+
+OnFrames = Callable[[int, int | None], None]
+
+
+def label(task: Task, on_frames: OnFrames) -> Labelled:
+    """Write labels and page; what is there already, of the same drive and settings, is kept.
+
+    Raises:
+        InputError: for a recording that cannot be learnt from.
+        OutputError: if the folder cannot be written.
+    """
+    facts_file, digest = task.folder / FACTS, _digest(task)
+    if facts_file.is_file():
+        facts = read_json(facts_file, {"digest": str})
+        if facts.get("digest") == digest:
+            return Labelled(facts, list(facts.get("warnings", [])))
+    _clear(task.folder)
+    segmenter = build_segmenter(replace(task.config.segmenter, name=str(task.start_file)))
+    written, judged = Written(), []
+    counts = [s.frame_count for s in task.sources]
+    total = None if None in counts else 2 * sum(c for c in counts if c is not None)
+    done = 0
+
+    def on_frame() -> None:
+        nonlocal done
+        done += 1
+        on_frames(done, total)
+
+    for number, source in enumerate(task.sources):
+        drive = read_drive(source.name, source, segmenter, task.config, task.plan, on_frame)
+        doubt = doubt_of(drive)
+        ground = ground_of(drive, doubt, task.area, task.unwanted)
+        judged.append(JudgedDrive(drive, doubt, ground))
+        write_labels(
+            source,
+            drive,
+            ground,
+            segmenter,
+            task.config,
+            task.plan,
+            task.folder,
+            f"{number}_",
+            written,
+            on_frame,
+        )
+    told = warnings(judged, written)
+    write_text(task.folder / PAGE, teach_page(judged, written, task.command))
+    facts = {
+        **written.facts(),
+        "digest": digest,
+        "warnings": told,
+        "driven_m2": round(sum(j.drive.driven_m2 for j in judged), 2),
+        "doubtful_m2": round(
+            sum(float(j.doubt.cells.sum()) * j.drive.spec.resolution_m**2 for j in judged), 2
+        ),
+        "left_out": {j.drive.name: j.drive.left_out for j in judged},
+        "trusted_for_other": [j.ground.trust_other for j in judged],
+        "drives": [s.name for s in task.sources],
+    }
+    write_facts(facts_file, facts)
+    return Labelled(facts, told)
+
+
+def learn(task: Task, device: str, threads: int, report: Callable[[Mapping[str, Any]], None]) -> Verdict:
+    """Learn from the labels, and write the network if the gate lets one pass.
+
+    Returns:
+        The verdict; `task.out` is written only if it passes.
+
+    Raises:
+        SwardmapError: as training and export do.
+    """
+    began = time.monotonic()
+    start, folder = task.start_file, task.folder
+    spec = read_network(start)
+    check_start(spec, start)
+    device, precision = device_and_precision(device)
+    recipe = teach_recipe(
+        task.out.stem, start.absolute(), spec.licence, task.plan.learn, task.replay, precision
+    )
+    _forget_other_runs(folder, recipe.digest)
+    run = learn_labels(recipe, folder, report, device, threads)
+    old = measure(start, folder / HELD)
+    verdict, candidate = None, folder / "candidate.onnx"
+    for share in START_SHARES:
+        export_candidate(run, folder, candidate, start, spec, share)
+        verdict = judge(old, measure(candidate, folder / HELD))
+        write_facts(folder / GATE, {"start_share": share, **verdict.to_dict()})
+        if verdict.passes:
+            know_images(candidate, recipe, folder)
+            tell(candidate, _taught(task, spec, share, verdict, time.monotonic() - began))
+            try:
+                candidate.replace(task.out)
+            except OSError as error:
+                raise output_error(task.out, error) from error
+            return verdict
+        report({"refused_with_start_share": share, "why": "; ".join(verdict.reasons)})
+    assert verdict is not None  # noqa: S101 - there are shares to try
+    candidate.unlink(missing_ok=True)
+    return verdict
+
+
+def _taught(task: Task, spec: NetworkSpec, share: float, verdict: Verdict, seconds: float) -> dict[str, Any]:
+    """What travels in the file."""
+    facts = read_json(task.folder / FACTS, {"digest": str})
+    return {
+        "from": spec.name,
+        "from_digest": hashlib.sha256(read_bytes(task.start_file)).hexdigest()[:12],
+        "swardmap": __version__,
+        "start_share": share,
+        "seconds": round(seconds),
+        "drives": facts["drives"],
+        "driven_m2": facts["driven_m2"],
+        "frames": facts["frames_learn"],
+        "steps": task.plan.learn.steps,
+        **verdict.to_dict(),
+    }
+
+
+def _digest(task: Task) -> str:
+    """Of everything that shapes the labels: the same again need not be made again."""
+    plan, config = task.plan, config_to_dict(task.config)
+    areas = [
+        [ring.tolist() for p in a.polygons for ring in p.rings] for a in (task.area, *task.unwanted) if a
+    ]
+    said = [
+        [(s.name, s.frame_count) for s in task.sources],
+        hashlib.sha256(read_bytes(task.start_file)).hexdigest(),
+        plan.footprint_m.tolist(),
+        plan.leave_out_s,
+        asdict(plan.labels),
+        areas,
+        {k: config[k] for k in ("source", "mount", "cloud", "grid", "geometry")},
+    ]
+    return hashlib.sha256(repr(said).encode()).hexdigest()[:16]
+
+
+def _clear(folder: Path) -> None:
+    """Make the folder, without the labels and checkpoints of other settings."""
+    try:
+        for part in (LEARN, HELD, SAID, RUN):
+            shutil.rmtree(folder / part, ignore_errors=True)
+        (folder / FACTS).unlink(missing_ok=True)
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot make the folder {folder}: {error.strerror}") from error
+
+
+def _forget_other_runs(folder: Path, digest: str) -> None:
+    """Checkpoints of another recipe over these labels are no use: begin anew."""
+    mark = folder / RUN / "recipe.txt"
+    if (folder / RUN).exists() and (not mark.is_file() or mark.read_text(encoding="utf-8") != digest):
+        shutil.rmtree(folder / RUN)
+    mark.parent.mkdir(parents=True, exist_ok=True)
+    write_text(mark, digest)

@@ -1,0 +1,119 @@
+"""`swardmap teach` from end to end: labels and page, learning, a gate that lets pass and one that refuses."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from swardmap.cli.app import run
+from swardmap.io.sources.folder import write_folder
+from swardmap.teach.safety import SafetyFrame
+from swardmap.train.recipe import NetworkConfig
+from tests.teach.scenes import lane
+
+TINY = NetworkConfig(
+    encoder="efficientnet-lite0", decoder_channels=16, rates=(1, 2, 3), width=96, height=64, imagenet=False
+)
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("drives") / "lawn"
+    write_folder((replace(f, labels=None, label_set=None) for f in lane(n=22)), out)
+    return out
+
+
+@pytest.fixture(scope="module")
+def start(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A network that knows nothing."""
+    pytest.importorskip("onnxscript", reason="export needs the package onnxscript")
+    from swardmap.train.build import build_network, network_spec
+    from swardmap.train.export import export_onnx
+    from swardmap.train.recipe import DataConfig, Recipe
+
+    recipe = Recipe("tiny", TINY, data=(DataConfig(name="a", folder="a"),))
+    path = tmp_path_factory.mktemp("networks") / "tiny.onnx"
+    export_onnx(build_network(recipe), network_spec(recipe), path)
+    return path
+
+
+def gardens() -> Iterator[SafetyFrame]:
+    """A safety set of four frames: lawn below, something else above."""
+    for k in range(4):
+        labels = np.zeros((48, 64), np.uint8)
+        labels[24:] = 1
+        rgb = np.array([(150, 150, 160), (70, 120, 50)], np.uint8)[labels]
+        yield SafetyFrame(str(k), rgb, labels, np.zeros((48, 64), np.uint16), {})
+
+
+def test_labels_and_page_are_made_kept_and_made_anew(
+    drive: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "my-lawn.onnx"
+    assert run(["teach", str(drive), "-o", str(out)]) == 0
+    told = capsys.readouterr().out
+    assert "m2 driven" in told
+    assert f"page: {out.with_suffix('.teach') / 'page.html'}" in told
+    assert "--yes" in told
+    assert not out.exists()
+    page = (out.with_suffix(".teach") / "page.html").read_text(encoding="utf-8")
+    assert page.count("data:image") >= 10
+    assert "Nothing is learnt yet" in page
+    labels = sorted((out.with_suffix(".teach") / "learn" / "labels").iterdir())
+    before = labels[0].stat().st_mtime_ns
+    assert run(["teach", str(drive), "-o", str(out), "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["frames_learn"] == len(labels)
+    assert labels[0].stat().st_mtime_ns == before
+    assert run(["teach", str(drive), "-o", str(out), "--leave-out", "2-4"]) == 0
+    facts = json.loads((out.with_suffix(".teach") / "labels.json").read_text())
+    assert facts["left_out"] == {"lawn": {"left out as told": [[2.0, 4.0]]}}
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_a_drive_is_learnt_and_the_gate_decides(
+    drive: Path,
+    start: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr("swardmap.teach.learn.NetworkConfig", lambda: TINY)
+    monkeypatch.setattr("swardmap.teach.gate.safety_frames", gardens)
+    out = tmp_path / "my-lawn.onnx"
+    command = [
+        "teach",
+        str(drive),
+        "-o",
+        str(out),
+        "--start",
+        str(start),
+        "--yes",
+        "--steps",
+        "2",
+        "--device",
+        "cpu",
+    ]
+    monkeypatch.setattr("swardmap.teach.run.START_SHARES", (0.4,))  # an export each
+    monkeypatch.setattr("swardmap.teach.gate.LEAST_LOST", 1.0)
+    monkeypatch.setattr("swardmap.teach.gate.LEAST_RISE", 1.0)
+    monkeypatch.setattr("swardmap.teach.gate.share_interval", lambda *_: None)
+    monkeypatch.setattr("swardmap.teach.gate.WITHOUT_INTERVAL", 1.0)
+    assert run(command) == 0
+    assert "written:" in capsys.readouterr().out
+    assert run(["doctor", "--seconds", "0", "--segmenter", str(out), "--json"]) in (0, 1)
+    taught = json.loads(capsys.readouterr().out)["network"]["taught"]
+    assert taught["from"] == "tiny"
+    assert taught["figures"]["held_driven_called_grass"]["after"] is not None
+
+    out.unlink()
+    monkeypatch.setattr("swardmap.teach.gate.WITHOUT_INTERVAL", -1.0)  # whatever it is, it is too much
+    assert run(command) == 1  # learns nothing anew: the checkpoints are there
+    assert "refused" in capsys.readouterr().err
+    assert not out.exists()
+    assert run([*command[:-4], "-o", str(start)]) == 1
+    assert "must not replace" in capsys.readouterr().err
