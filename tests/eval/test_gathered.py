@@ -124,6 +124,14 @@ def test_an_addition_that_was_interrupted_counts_when_it_is_whole(out: Path, dri
     assert [f.name for f in added_folders(out)] == ["001-drive2", "002-drive1"]
 
 
+@pytest.mark.parametrize("frames", [10**12, -1, "many", None])
+def test_a_number_of_frames_that_cannot_be_is_refused(out: Path, frames: object) -> None:
+    written = json.loads((out / "plan.json").read_text())
+    (out / "plan.json").write_text(json.dumps(written | {"frames": frames}))
+    with pytest.raises(InputError, match="expected a number of frames"):
+        gather(out)
+
+
 def test_what_is_added_is_judged_as_the_run_was(out: Path, drives: list[Path], tmp_path: Path) -> None:
     for words in (
         ["--resolution", 0.2],

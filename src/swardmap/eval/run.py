@@ -138,7 +138,7 @@ def read_plan(out: Path) -> tuple[Plan, int]:
     except InputError as error:
         raise InputError(f"{out}: expected {what} ({error})") from error
     with reading(out, what):
-        return Plan.from_json(json.dumps(plain["plan"])), int(plain["frames"])
+        return Plan.from_json(json.dumps(plain["plan"])), _frames_said(plain, out)
 
 
 def is_finished(out: Path, total: int) -> bool:
@@ -159,7 +159,12 @@ def _prepare(plan: Plan, out: Path, overwrite: bool) -> int:
         return "" if known.get("fingerprint") == plan.fingerprint else _difference(known.get("plan"), plan)
 
     known = open_plan_folder(out, "evaluation", new, difference, overwrite, inner=("parts",))
-    frames = known.get("frames")
+    return _frames_said(known, out)
+
+
+def _frames_said(plain: Mapping[str, Any], out: Path) -> int:
+    """The number of frames that a plan.json says."""
+    frames = plain.get("frames")
     if not isinstance(frames, int) or isinstance(frames, bool) or not 0 < frames <= MAX_FRAMES:
         raise InputError(f"{out}: expected a number of frames in plan.json, got {shortened(frames)}")
     return frames
