@@ -50,7 +50,7 @@ def test_that_network_tells_lawn_and_the_visitor(x_m: float) -> None:
     garden.visit = replace(garden.visit, began_ns=0)
     frame = garden.look(garden.base_at(x_m, 0.0, 0.0), 4_000_000_000)  # they stand in the lane
     assert frame.labels is not None
-    found = build_segmenter(SegmenterConfig(name=garden.segmenter))(frame).labels
+    found = build_segmenter(SegmenterConfig(name=str(SOLIDS_NETWORK)))(frame).labels
     known = frame.labels != VOID_ID
     person, grass = frame.labels == PERSON.id, frame.labels == GRASS.id
     assert np.count_nonzero(person) > 300

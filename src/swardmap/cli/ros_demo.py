@@ -36,7 +36,7 @@ def run_demo(config: Config, arguments: Sequence[str], garden: str, rounds: int 
         pace: of the mower's clock, at most.
 
     Raises:
-        InputError: if the mower did not drive its rounds.
+        InputError: if the mower ended by itself before it had driven its rounds.
         SwardmapError: as `run_node`; of the renderer, if it is asked for and cannot draw.
     """
     from swardmap.ros.run import run_node
@@ -44,7 +44,7 @@ def run_demo(config: Config, arguments: Sequence[str], garden: str, rounds: int 
 
     rclpy_module()
     kind, both = garden_kind(garden), [*arguments, *SIMULATED]
-    parameters = demo_parameters(config, open_garden(kind).segmenter)
+    parameters = demo_parameters(config, kind)
     mower = multiprocessing.get_context("spawn").Process(
         target=_drive, args=(kind, both, rounds, pace), daemon=True
     )
@@ -52,12 +52,12 @@ def run_demo(config: Config, arguments: Sequence[str], garden: str, rounds: int 
     try:
         run_node(parameters, both, mower.is_alive)
     finally:
-        if rounds is None or mower.is_alive():
-            mower.terminate()
+        ended = not mower.is_alive()
+        mower.terminate()
         mower.join(timeout=10.0)
         mower.kill()
-    if rounds is not None and mower.exitcode != 0:
-        raise InputError(f"the simulated mower did not drive its rounds ({rounds}): see above")
+    if (ended or rounds is not None) and mower.exitcode != 0:
+        raise InputError("the simulated mower ended early: see above")
 
 
 def garden_kind(wanted: str) -> str:
@@ -89,16 +89,16 @@ def open_garden(kind: str) -> "MowerWorld":
     return RenderedGarden()
 
 
-def demo_parameters(config: Config, segmenter: str) -> "Parameters":
-    """Parameters of the node for the mower of a garden."""
+def demo_parameters(config: Config, kind: str) -> "Parameters":
+    """Parameters of the node for the mower of a garden; the network was not trained on simple solids."""
     from swardmap.ros.driver import INSCRIBED_M
     from swardmap.ros.parameters import NodeConfig, Parameters
-    from swardmap.synth.live_garden import FORWARD_M, HEIGHT_M, PITCH_DEG
+    from swardmap.synth.live_garden import FORWARD_M, HEIGHT_M, PITCH_DEG, SOLIDS_NETWORK
 
-    chosen = segmenter if config.segmenter.name == AUTO else config.segmenter.name
+    own = kind == SOLIDS and config.segmenter.name == AUTO
     config = replace(
         config,
-        segmenter=replace(config.segmenter, name=chosen),
+        segmenter=replace(config.segmenter, name=str(SOLIDS_NETWORK)) if own else config.segmenter,
         mount=replace(config.mount, height_m=HEIGHT_M, pitch_deg=PITCH_DEG, x_m=FORWARD_M),
         source=replace(config.source, odometry_topic="odom"),
         costmap=replace(config.costmap, inscribed_radius_m=INSCRIBED_M),

@@ -58,7 +58,6 @@ class MowerWorld(Protocol):
         T_base_camera: where the camera sits.
         rate_hz: images a second.
         goal_m: (x, y) to go to, and come back from.
-        segmenter: what tells its classes, as `segmenter.name`.
     """
 
     name: str
@@ -66,7 +65,6 @@ class MowerWorld(Protocol):
     T_base_camera: Pose
     rate_hz: float
     goal_m: tuple[float, float]
-    segmenter: str
 
     @property
     def visit(self) -> Passerby:

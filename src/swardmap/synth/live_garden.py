@@ -95,13 +95,12 @@ class SolidGarden:
         name: in words.
         intrinsics, T_base_camera, rate_hz: of the mower's camera.
         goal_m: (x, y) where the mower is to go, and come back from.
-        segmenter: what tells the classes, as `segmenter.name`.
         visit: of the person.
     """
 
     def __init__(self) -> None:
         self.name, self.intrinsics, self.rate_hz = "a garden of simple solids", CAMERA, 5.0
-        self.segmenter, self.visit = str(SOLIDS_NETWORK), Visit()
+        self.visit = Visit()
         self.T_base_camera, self.goal_m = T_base_camera, GOAL_M
         self._rng = np.random.default_rng(0)
         way = np.subtract(self.visit.lane_m, self.visit.from_m)

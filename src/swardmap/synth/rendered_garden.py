@@ -56,7 +56,6 @@ class RenderedGarden:
         name: in words.
         intrinsics, T_base_camera, rate_hz: of the mower's camera.
         goal_m: (x, y) where the mower is to go, and come back from.
-        segmenter: what tells the classes, as `segmenter.name`.
         visit: of the person.
 
     Raises:
@@ -67,7 +66,7 @@ class RenderedGarden:
         config = SynthConfig()
         config = replace(config, rig=replace(config.rig, width=CAMERA.width, height=CAMERA.height))
         self.name, self.intrinsics, self.rate_hz = f"rendered garden {seed}", CAMERA, 3.0
-        self.segmenter, self.visit = "auto", Visit()
+        self.visit = Visit()
         self.T_base_camera, self.goal_m = T_base_camera, GOAL_M
         self._rng = np.random.default_rng([seed, 5])
         self._stage = GardenStage(config)
