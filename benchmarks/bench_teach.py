@@ -89,21 +89,26 @@ def recording(out: Path, number: int, part: str) -> Path:
     return found
 
 
-def teach(out: Path, number: int, more: list[str]) -> None:
+def teach(out: Path, number: int, start: Path | None, more: list[str]) -> None:
     """Teach from the drive of a garden."""
     there = folder_of(out, number)
     if not (there / "verdict.json").is_file():
         drive = str(recording(out, number, "drive"))
-        code = run(["teach", drive, "-o", str(there / "taught.onnx"), "--yes", *more])
+        begin = [] if start is None else ["--start", str(start)]
+        code = run(["teach", drive, "-o", str(there / "taught.onnx"), "--yes", *begin, *more])
         gate = json.loads((there / "taught.teach" / "gate.json").read_text())
         (there / "verdict.json").write_text(json.dumps({"code": code, **gate}, indent=1))
 
 
-def measure(out: Path, number: int) -> dict[str, dict[str, float | None]]:
+def measure(out: Path, number: int, start: Path | None) -> dict[str, dict[str, float | None]]:
     """Figures of the other way: the network so far, the taught one, true masks."""
     there, found = folder_of(out, number), {}
     taught = there / "taught.onnx"
-    for name, segmenter in (("before", "auto"), ("after", str(taught)), ("true masks", "truth")):
+    for name, segmenter in (
+        ("before", str(start or "auto")),
+        ("after", str(taught)),
+        ("true masks", "truth"),
+    ):
         result = there / f"evaluated-{name.replace(' ', '-')}"
         if segmenter == str(taught) and not taught.is_file():
             continue
@@ -133,14 +138,15 @@ def main() -> None:
     parser.add_argument("out", type=Path)
     parser.add_argument("--gardens", type=int, default=12)
     parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--start", type=Path, help="network to begin from, if not the package's")
     chosen, more = parser.parse_known_args()
     for number in range(chosen.first, chosen.first + chosen.gardens):
         if chosen.what == "film":
             film(chosen.out, number)
         elif chosen.what == "teach":
-            teach(chosen.out, number, more)
+            teach(chosen.out, number, chosen.start, more)
         else:
-            for name, values in measure(chosen.out, number).items():
+            for name, values in measure(chosen.out, number, chosen.start).items():
                 told = "  ".join(f"{k} {'-' if v is None else f'{v:.3f}'}" for k, v in values.items())
                 print(f"{folder_of(chosen.out, number).name:<14} {name:<10} {told}", flush=True)
 

@@ -11,7 +11,9 @@ import pytest
 from swardmap.cli.app import run
 from swardmap.io.sources.folder import write_folder
 from swardmap.teach.gate import Row, Verdict, judge
+from swardmap.teach.page import warnings
 from swardmap.teach.safety import SafetyFrame
+from swardmap.teach.write import Written
 from swardmap.train.recipe import NetworkConfig
 from tests.teach.scenes import lane
 
@@ -63,6 +65,7 @@ def test_labels_and_page_are_made_kept_and_made_anew(
     page = (out.with_suffix(".teach") / "page.html").read_text(encoding="utf-8")
     assert page.count("data:image") >= 10
     assert "Nothing is learnt yet" in page
+    assert "shows no ground that was driven" not in page
     labels = sorted((out.with_suffix(".teach") / "learn" / "labels").iterdir())
     before = labels[0].stat().st_mtime_ns
     assert run(["teach", str(drive), "-o", str(out), "--json"]) == 0
@@ -72,6 +75,12 @@ def test_labels_and_page_are_made_kept_and_made_anew(
     assert run(["teach", str(drive), "-o", str(out), "--leave-out", "2-4"]) == 0
     facts = json.loads((out.with_suffix(".teach") / "labels.json").read_text())
     assert facts["left_out"] == {"lawn": {"left out as told": [[2.0, 4.0]]}}
+
+
+def test_a_part_held_out_that_can_measure_nothing_is_told() -> None:
+    told = "shows no ground that was driven"
+    assert any(told in line for line in warnings([], Written(learn=9, held=4)))
+    assert not any(told in line for line in warnings([], Written(learn=9, held=4, held_driven=500)))
 
 
 def test_a_refusal_is_told_and_nothing_is_written(
@@ -125,4 +134,5 @@ def test_a_drive_is_learnt_and_the_figures_travel(
     assert run(["doctor", "--seconds", "0", "--segmenter", str(out), "--json"]) in (0, 1)
     taught = json.loads(capsys.readouterr().out)["network"]["taught"]
     assert taught["from"] == "tiny"
-    assert taught["figures"]["held_driven_called_grass"]["after"] is not None
+    assert taught["figures"]["grass_called_grass"]["after"] is not None
+    assert taught["figures"]["held_stands_called_grass"]["cases"] > 0

@@ -14,7 +14,7 @@ from swardmap.labels import GRASS_OBSTACLE_PERSON
 from swardmap.models.onnx import OnnxSegmenter
 from swardmap.models.spec import METADATA_KEY, UNFAMILIAR, NetworkSpec
 from swardmap.train.export import open_session, read_spec
-from swardmap.train.familiar import fitted, limit_of, teach_familiar
+from swardmap.train.familiar import carry_familiar, fitted, limit_of, teach_familiar
 from swardmap.train.photos import Photo
 from swardmap.train.recipe import AugmentConfig
 from swardmap.train.unknown import KINDS
@@ -104,6 +104,37 @@ def test_taught_again_it_has_one_score_and_the_same(tmp_path: Path) -> None:
     assert taught(path) == first
     assert path.read_bytes() == once
     assert [o.name for o in open_session(path).get_outputs()] == ["logits", UNFAMILIAR]
+
+
+def test_a_score_is_carried_to_a_network_whose_features_changed(tmp_path: Path) -> None:
+    old = write_network(tmp_path / "old.onnx")
+    assert carry_familiar(old, old, photos(range(8)), AugmentConfig()) is None
+    before = taught(old)
+    changed = onnx.load(old)
+    for constant in changed.graph.initializer:
+        if constant.name == "a":
+            louder = onnx.numpy_helper.to_array(constant) * np.float32(1.4)
+            constant.CopyFrom(onnx.numpy_helper.from_array(louder, "a"))
+    new = tmp_path / "new.onnx"
+    new.write_bytes(changed.SerializeToString())
+    lawns = [frame_of(make_photo(seed)[0]) for seed in range(200, 212)]
+    rng = np.random.default_rng(5)
+    spoilt = [frame_of(KINDS["covered"](lawn.rgb, rng)) for lawn in lawns]
+
+    def beyond(path: Path, frames: list[Frame]) -> float:
+        segmenter = OnnxSegmenter(path)
+        return float(np.mean([(segmenter(f).unfamiliar or 0.0) > 1 for f in frames]))
+
+    figures = carry_familiar(new, old, photos(range(24)), AugmentConfig())
+    assert figures is not None
+    assert figures["limit"] >= before["limit"]
+    assert set(figures["noticed"]) == set(KINDS)
+    assert [o.name for o in open_session(new).get_outputs()] == ["logits", UNFAMILIAR]
+    assert OnnxSegmenter(new).spec.unfamiliar_limit == figures["limit"]
+    assert beyond(new, lawns) == 0
+    assert beyond(new, spoilt) >= 0.6
+    with pytest.raises(InputError, match="photos that the network knows"):
+        carry_familiar(new, old, [], AugmentConfig())
 
 
 def test_what_cannot_be_taught_is_said_and_left_as_it_was(tmp_path: Path) -> None:

@@ -15,6 +15,8 @@ from swardmap.train.recipe import AugmentConfig, DataConfig, NetworkConfig, Reci
 START_SHARES = (0.0, 0.4, 0.7)
 """Of the weights it began with, mixed in: what is tried one after another until the gate lets one pass."""
 CALIBRATION_IMAGES = 48
+FAMILIAR_IMAGES = 12
+"""Of each set, about, by which the score of unfamiliar images is carried over."""
 DEMO = Path(__file__).parent.parent / "data" / "demo"
 HOLD_OUT = 12
 """Every so many of the gardens are not learnt from."""
@@ -124,11 +126,17 @@ def export_candidate(
     with_spec(out, temperature=max(spec.temperature, read_spec(out).temperature))
 
 
-def know_images(path: Path, recipe: Recipe, folder: Path) -> None:
-    """Teach a network file which images it knows: those of the drive and what was replayed."""
-    from swardmap.train.release import make_familiar
+def know_images(path: Path, start: Path, recipe: Recipe, folder: Path) -> None:
+    """Carry over what the start says of images that it does not know; nothing, if it says nothing.
 
-    make_familiar(path, recipe, folder)
+    Fitted anew it would take minutes, and know no lawn but this one.
+    """
+    from swardmap.train.data import load_photos
+    from swardmap.train.familiar import carry_familiar
+
+    sets = {s.config.name: s.photos for s in load_photos(recipe, folder, validation=False)}
+    known = [p for photos in sets.values() for p in photos[:: max(1, len(photos) // FAMILIAR_IMAGES)]]
+    carry_familiar(path, start, known, recipe.augment)
 
 
 def read_network(path: Path) -> NetworkSpec:

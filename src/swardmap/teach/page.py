@@ -29,6 +29,7 @@ KEYS = (
     ("way of the robot", WAY),
 )
 MAP_EDGE = 1100
+MARGIN_PX = 40
 FRAME_WIDTH = 400
 STRONG, PALE = 0.55, 0.32
 
@@ -89,6 +90,11 @@ def warnings(judged: Sequence[JudgedDrive], written: Written) -> list[str]:
                 f"{j.drive.name}: the network so far calls only {share:.0%} of the driven ground grass. If "
                 "that is lawn, this is what teaching is for; if it is paving, do not go on."
             )
+    if written.held and not written.held_driven:
+        lines.append(
+            "The last part of the drive, which is kept to measure on, shows no ground that was driven: "
+            "whether the new network knows the lawn better will not be measured. Drive in lanes."
+        )
     total = sum(written.pixels[n] for n in ("grass", "other", "person"))
     if total and written.pixels["other"] < 0.02 * total:
         lines.append(
@@ -142,7 +148,19 @@ def draw_map(judged: JudgedDrive) -> Picture:
     for i in np.flatnonzero(drive.kept[:-1] & drive.kept[1:]).tolist():
         a, b = (tuple(np.round(way[k]).astype(int).tolist()) for k in (i, i + 1))
         cv2.line(picture, a, b, WAY, 2, cv2.LINE_AA)
-    return picture
+    return _without_margin(picture, MARGIN_PX)
+
+
+def _without_margin(picture: Picture, kept_px: int) -> Picture:
+    """The part that shows something, with so much paper around it as there is, at most."""
+    shown = (picture != PAPER).any(2)
+    if not shown.any():
+        return picture
+    rows, columns = (np.flatnonzero(shown.any(axis)) for axis in (1, 0))
+    first_y, first_x = max(0, rows[0] - kept_px), max(0, columns[0] - kept_px)
+    return np.ascontiguousarray(
+        picture[first_y : rows[-1] + 1 + kept_px, first_x : columns[-1] + 1 + kept_px]
+    )
 
 
 def _frame_view(shown: Shown) -> dict[str, Any]:

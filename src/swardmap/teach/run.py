@@ -182,7 +182,7 @@ def learn(task: Task, device: str, threads: int, report: Callable[[Mapping[str, 
         verdict = judge(old, measure(candidate, folder / HELD))
         write_facts(folder / GATE, {"start_share": share, **verdict.to_dict()})
         if verdict.passes:
-            know_images(candidate, recipe, folder)
+            know_images(candidate, start, recipe, folder)
             tell(candidate, _taught(task, spec, share, verdict, time.monotonic() - began))
             try:
                 candidate.replace(task.out)

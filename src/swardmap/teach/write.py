@@ -48,6 +48,7 @@ class Written:
         driven: driven pixels by what the network so far calls them.
         raised_called_grass: raised pixels that it calls grass.
         learn, held: frames.
+        held_driven: driven pixels of those held out.
         shown: some frames with their labels, for the page.
     """
 
@@ -57,6 +58,7 @@ class Written:
     raised_called_grass: int = 0
     learn: int = 0
     held: int = 0
+    held_driven: int = 0
     shown: list["Shown"] = field(default_factory=list)
 
     def facts(self) -> dict[str, Any]:
@@ -149,6 +151,7 @@ def write_labels(
         name = f"{prefix}{number:04d}"
         _write(out, name, frame, labels, held)
         written.held += held
+        written.held_driven += int(np.count_nonzero(labels.sure == GRASS.id)) if held else 0
         written.learn += not held
         if number % shown_every == 0:
             seconds = float((frame.stamp_ns - drive.track.stamps_ns[0]) * 1e-9)

@@ -24,6 +24,7 @@ from swardmap.train.familiar_nodes import (
     Regression,
     add_features,
     add_score,
+    score_of,
     standardised,
     strip,
 )
@@ -43,6 +44,9 @@ KNOWN_SHARE = 0.995
 """Of known images within the limit, at least."""
 
 PER_SET = 60
+CHECKED = 8
+"""Photos that each kind of damage is done to where a score is carried over."""
+
 SPOILT = 2
 """Spoilt views of each photo."""
 
@@ -89,6 +93,77 @@ def teach_familiar(
     metrics = {**spec.metrics, UNFAMILIAR: figures}
     write_model(model, replace(spec, unfamiliar_limit=figures["limit"], metrics=metrics), path)
     return figures
+
+
+def carry_familiar(
+    path: Path, source: Path, known: Sequence[Photo], light: AugmentConfig, seed: int = 0
+) -> dict[str, Any] | None:
+    """Give a network file the score of the file that its training began from, in place.
+
+    What the score weighs was learnt from far more images than a drive has. Each feature of the new encoder
+    is moved and scaled to the mean and spread that it had in the old one, on the same images; the limit
+    rises, if it must, until they are within it.
+
+    Args:
+        path: the .onnx file; a score that it has is replaced.
+        source: the file that it began from, of the same architecture.
+        known: photos that both see; some dozens.
+        light: harsh light that they are seen in, too.
+        seed: of light and damage.
+
+    Returns:
+        `limit`, its `rise` over the source's, and `noticed`, the share of spoilt views beyond it; None if the
+        source has no score, and so the file has none.
+
+    Raises:
+        InputError: without any known photo.
+        ModelError: for a file whose encoder cannot be found in it.
+    """
+    import onnx
+
+    spec, old_spec, model, old = read_spec(path), read_spec(source), onnx.load(path), onnx.load(source)
+    if old_spec.unfamiliar_limit is None:
+        return None
+    if not known:
+        raise InputError("expected photos that the network knows, got none")
+    fit = score_of(old)
+    for each in (old, model):
+        strip(each.graph)
+        add_features(each)
+    rng = np.random.default_rng(seed)
+    images = [view for p in known for view in _views(_sized(p, spec), light, rng)]
+    was, now = (np.array([run(i) for i in images]) for run in (_runner(old, old_spec), _runner(model, spec)))
+    fit = matched(fit, was, now)
+    within = limit_of([fit.logits(now)])
+    limit = max(float(np.log(old_spec.unfamiliar_limit)), within)
+    run, noticed = _runner(model, spec), {}
+    for kind, spoil in KINDS.items():
+        spoilt = [run(spoil(_sized(p, spec), rng)) for p in _evenly(known, CHECKED)]
+        noticed[kind] = round(float(np.mean(fit.logits(np.array(spoilt)) > limit)), 4)
+    rise = limit - float(np.log(old_spec.unfamiliar_limit))
+    figures = {"limit": float(np.exp(limit)), "rise": round(rise, 4), "noticed": noticed}
+    add_score(model, fit)
+    metrics = {**spec.metrics, UNFAMILIAR: figures}
+    write_model(model, replace(spec, unfamiliar_limit=figures["limit"], metrics=metrics), path)
+    return figures
+
+
+def matched(fit: Regression, was: FloatArray, now: FloatArray) -> Regression:
+    """The regression for features whose mean and spread changed; a spread by at most twice.
+
+    Args:
+        fit: for the features as they were.
+        was: (N, n) features of images.
+        now: (N, n) features of the same images.
+
+    >>> was = np.array([[0.0], [2.0]])
+    >>> new = matched(Regression(np.ones(1), np.ones(1), np.ones(1), 0.0), was, 1.5 * was + 3)
+    >>> new.logits(1.5 * was + 3).round(3).tolist()
+    [-1.0, 1.0]
+    """
+    ratio = np.clip((now.std(0) + 1e-6) / (was.std(0) + 1e-6), 0.5, 2.0)
+    mean = now.mean(0) + (fit.mean - was.mean(0)) * ratio
+    return Regression(mean, fit.scale * ratio, fit.weights, fit.bias)
 
 
 def fitted(known: FloatArray, strange: FloatArray) -> Regression:
@@ -139,8 +214,11 @@ def _of_known(
     photo: Photo, spec: NetworkSpec, light: AugmentConfig, run: Runner, rng: np.random.Generator
 ) -> list[FloatArray]:
     """Features of a photo, as it is and in harsh light."""
-    image = _sized(photo, spec)
-    return [run(image), run(harsh_light(image, light, rng))]
+    return [run(image) for image in _views(_sized(photo, spec), light, rng)]
+
+
+def _views(image: Image, light: AugmentConfig, rng: np.random.Generator) -> tuple[Image, Image]:
+    return image, harsh_light(image, light, rng)
 
 
 def _of_spoilt(

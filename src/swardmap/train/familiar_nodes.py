@@ -144,3 +144,24 @@ def add_score(model: Any, fit: Regression) -> None:
         graph.node.append(onnx.helper.make_node(kind, inputs, [name], name=f"{odds}{index}"))
         value = name
     graph.output.append(onnx.helper.make_tensor_value_info(UNFAMILIAR, onnx.TensorProto.FLOAT, [1]))
+
+
+def score_of(model: Any) -> Regression:
+    """The regression in an onnx.ModelProto that has a score.
+
+    Raises:
+        ModelError: for one without.
+    """
+    import onnx
+
+    found = {
+        t.name[len(PREFIX) :]: onnx.numpy_helper.to_array(t).astype(np.float64)
+        for t in model.graph.initializer
+        if t.name.startswith(PREFIX)
+    }
+    if missing := {"mean", "scale", "weights", "bias"} - found.keys():
+        raise ModelError(
+            f"expected a network that scores how unfamiliar an image is, it lacks {sorted(missing)}"
+        )
+    bias = float(found["bias"].ravel()[0])
+    return Regression(found["mean"], 1 / found["scale"], found["weights"].ravel(), bias)
