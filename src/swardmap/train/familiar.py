@@ -141,10 +141,11 @@ def carry_familiar(
         spoilt = [run(spoil(_sized(p, spec), rng)) for p in _evenly(known, CHECKED)]
         noticed[kind] = round(float(np.mean(fit.logits(np.array(spoilt)) > limit)), 4)
     rise = limit - float(np.log(old_spec.unfamiliar_limit))
-    figures = {"limit": float(np.exp(limit)), "rise": round(rise, 4), "noticed": noticed}
+    odds = float(np.exp(limit))
+    figures: dict[str, Any] = {"limit": odds, "rise": round(rise, 4), "noticed": noticed}
     add_score(model, fit)
     metrics = {**spec.metrics, UNFAMILIAR: figures}
-    write_model(model, replace(spec, unfamiliar_limit=figures["limit"], metrics=metrics), path)
+    write_model(model, replace(spec, unfamiliar_limit=odds, metrics=metrics), path)
     return figures
 
 
