@@ -1,9 +1,12 @@
 """Every reader of bytes from outside, and small good files for each to begin from."""
 
+import importlib
+import importlib.util
 import json
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +21,9 @@ from swardmap.io.annotations.annotation_files import read_masks
 from swardmap.io.bags.ros_fields import camera_info_fields, image_fields, tf_fields
 from swardmap.io.clouds.cloud_files import read_cloud, write_cloud
 from swardmap.io.clouds.mat_files import read_mat, write_mat
-from swardmap.io.door import frames_of, reading
+from swardmap.io.door import frames_of
 from swardmap.io.images import read_color, read_depth, read_mask
 from swardmap.io.maps.area_files import read_area
-from swardmap.io.maps.log_odds_files import read_living_map
 from swardmap.io.maps.map_files import read_costmap, read_map, write_map
 from swardmap.io.maps.margin_file import Margin, margin_text, read_margin
 from swardmap.io.maps.npz_files import read_npz, write_npz
@@ -31,9 +33,9 @@ from swardmap.labels import GRASS_OBSTACLE_PERSON
 from swardmap.rig import rig
 from swardmap.runs.recording import map_recording
 from swardmap.synth.analytic import AnalyticSource, garden_scene, lane_poses
-from swardmap.synth.asset_bundle import open_bundle
 from swardmap.synth.census import census_of
 from tests.bags import IMAGE, INFO, TF, Event, Kind, bare_file, write_bag
+from tests.fuzz import saved
 
 LENS = Intrinsics(48, 36, 40.0, 40.0, 23.5, 17.5)
 LIVING = config_from_dict(
@@ -91,30 +93,6 @@ def _frames(path: Path) -> int:
     return sum(1 for _ in frames_of(source, source.name))
 
 
-def _evaluation(folder: Path) -> tuple[Path, list[str]]:
-    from swardmap.eval.dataset import DatasetSpec
-    from swardmap.eval.run import evaluate, make_plan
-
-    config = config_from_dict({"segmenter": {"name": "colour"}})
-    plan = make_plan(
-        DatasetSpec("analytic:scenes=1,frames=2,width=64"), config,
-        resolutions_m=(0.2,), protocols=("dense",), with_budget=False,
-    )  # fmt: skip
-    evaluate(plan, folder, workers=1)
-    return folder, ["plan.json", next((folder / "parts").iterdir()).relative_to(folder).as_posix()]
-
-
-def _read_evaluation(file: Path) -> Any:
-    from swardmap.eval.results import results
-    from swardmap.eval.run import read_plan, read_records
-
-    folder = file.parent if file.name == "plan.json" else file.parent.parent
-    plan, total = read_plan(folder)
-    records = read_records(folder, min(total, 1000))
-    with reading(folder, "whole records of an evaluation"):
-        return results(plan, records)
-
-
 def readers(corpus: Path) -> dict[str, Reader]:
     """All readers by name; their good files are written to a folder.
 
@@ -134,26 +112,36 @@ def readers(corpus: Path) -> dict[str, Reader]:
     found |= _images(frame)
     found |= _clouds(corpus)
     found |= _texts(corpus)
+    for module in ("cdr", "ros1"):  # the same code for the same messages of each bag: most of the time
+        compiler = importlib.import_module(f"rosbags.serde.{module}")
+        compiler.compile_lines = _once_for_each(compiler.compile_lines)  # type: ignore[attr-defined]
     for kind, suffix in (("ros1", ".bag"), ("sqlite3", ".db3"), ("mcap", ".mcap")):
         found[f"bag {kind}"] = Reader(_frames, (_bag(corpus, kind),), suffix)  # type: ignore[arg-type]
     for name in ("camera.yaml", "poses.txt", "rgb/000000.png", "depth/000001.png", "labels/000000.png"):
         good = (recording / name).read_bytes()
         found[f"folder {name}"] = Reader(lambda p, n=name: _frames(_up(p, n)), (good,), "", recording, name)  # type: ignore[misc]
-    found["living map"] = Reader(
-        lambda p: read_living_map(p, LIVING), ((corpus / "map/living.npz").read_bytes(),), ".npz"
-    )
+    found["living map"] = Reader(*saved.living_map(corpus / "map/living.npz", LIVING), ".npz")
     found["map npz"] = Reader(read_npz, ((corpus / "m.npz").read_bytes(),), ".npz")
     found["map yaml"] = Reader(read_map, ((corpus / "m.yaml").read_bytes(),), "", corpus, "m.yaml")
     found["map pgm"] = Reader(
         lambda p: read_costmap(p.parent / "m.yaml"), ((corpus / "m.pgm").read_bytes(),), "", corpus, "m.pgm"
     )
     found["mat"] = Reader(lambda p: read_mat(p, ("Depth",)), ((corpus / "d.mat").read_bytes(),), ".mat")
-    evaluation, names = _evaluation(corpus / "evaluation")
-    for name in names:
-        found[f"evaluation {name.split('/')[0]}"] = Reader(
-            _read_evaluation, ((evaluation / name).read_bytes(),), "", evaluation, name
-        )
+    evaluation = corpus / "evaluation"
+    for name in saved.evaluation(evaluation):
+        good = ((evaluation / name).read_bytes(),)
+        for verb, read in (("evaluation", saved.read_evaluation), ("compare", saved.compare)):
+            found[f"{verb} {name.split('/')[0]}"] = Reader(read, good, "", evaluation, name)
+    found["assets"] = Reader(*saved.assets(corpus), ".zip")
+    found["network metadata"] = Reader(*saved.network_metadata(), ".json")
+    if importlib.util.find_spec("torch") is not None:
+        found["checkpoint"] = Reader(*saved.checkpoint(corpus), ".pt")
     return found
+
+
+def _once_for_each(compiler: Callable[[list[str]], Any]) -> Callable[[list[str]], Any]:
+    known = lru_cache(2000)(lambda text: compiler([text]))
+    return lambda lines: known("\n".join(lines))
 
 
 def _up(path: Path, name: str) -> Path:
@@ -252,11 +240,44 @@ def _texts(corpus: Path) -> dict[str, Reader]:
             lambda p: census_of(p.parent), (json.dumps(facts).encode(),), "", gardens, "frames.jsonl"
         ),
     }
-    bundles = sorted(
-        (Path(__file__).parents[2] / "garden_assets").rglob("*.zip"), key=lambda p: p.stat().st_size
-    )
-    if bundles and bundles[0].stat().st_size < 2_000_000:
-        found["assets"] = Reader(open_bundle, (bundles[0].read_bytes(),), ".zip")
+    return found | _class_lists(corpus, coco)
+
+
+def _class_lists(corpus: Path, coco: Any) -> dict[str, Reader]:
+    """The small files beside masks that say what colours and numbers mean, and Label Studio's JSON."""
+    image = np.zeros((9, 9, 3), np.uint8)
+    image[:4, :, 1] = 255
+    for folder in ("SegmentationClass", "trainannot", "."):
+        here = corpus / "masks" / folder
+        here.mkdir(parents=True, exist_ok=True)
+        cv2.imwrite(str(here / "a.png"), image)
+        cv2.imwrite(str(here / "a_mask.png"), image[..., 1] // 255)
+    (corpus / "masks" / "train.txt").write_text("/train/a.png /trainannot/a.png\n")
+    texts = {
+        "labelmap.txt": "# label:color_rgb:parts:actions\nbackground:0,0,0::\ngrass:0,255,0::\n",
+        "label_colors.txt": "0 0 0 background\n0 255 0 grass\n",
+        "_classes.csv": "Pixel Value, Class\n0, background\n1, grass\n",
+    }
+    points = [[0, 0], [99, 0], [99, 99]]
+    result = {
+        "type": "polygonlabels", "original_width": 9, "original_height": 9,
+        "value": {"polygonlabels": ["grass"], "points": points},
+    }  # fmt: skip
+    brush = {
+        **result,
+        "type": "brushlabels",
+        "value": {"brushlabels": ["person"], "rle": [0, 0, 2, 88, 9, 9, 4]},
+    }
+    task = {"data": {"image": "a.png"}, "annotations": [{"result": [result, brush]}]}
+
+    def masks(path: Path) -> Any:
+        found = read_masks(path if path.suffix == ".json" else path.parent)
+        return [found[name] for name in list(found)[:4]]
+
+    found = {
+        name: Reader(masks, (text.encode(),), "", corpus / "masks", name) for name, text in texts.items()
+    }
+    found["label studio"] = Reader(masks, (json.dumps([task]).encode(), json.dumps(coco).encode()), ".json")
     return found
 
 

@@ -17,7 +17,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swardmap.errors import ConfigError, InputError
+from swardmap.errors import ConfigError, InputError, ModelError
 from swardmap.io.door import open_archive, parse_json, parse_npy, parse_npz, parse_yaml, read_yaml, reading
 from swardmap.io.files import read_bytes
 from swardmap.io.image_headers import check_image
@@ -198,6 +198,37 @@ def test_archives_are_packed_as_numpy_packs_them(method: int) -> None:
     found = parse_npz(good.getvalue(), "x.npz")
     assert found["a"].tolist() == [0, 1, 2]
     assert str(found["b"]) == "text"
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["a: 1\nb: 2\na: 3", "x:\n- {c: 1}\n- b: {c: 1, d: 2, c: 1}", "a: &k {b: 1}\n? b\n: 1\nb: *k"],
+)
+def test_a_key_said_twice_is_refused_with_both_lines(text: str) -> None:
+    with pytest.raises(InputError, match=r"expected each key once, got '[abc]' in lines \d and \d; remove"):
+        parse_yaml(text, "settings.yaml")
+
+
+def test_the_same_key_in_two_places_or_as_number_and_text_is_no_repetition() -> None:
+    text = "a: &k {b: 1}\nc: {b: 2}\nd: [*k, *k]\n1: x\n'1': y"
+    assert parse_yaml(text, "x") == {"a": {"b": 1}, "c": {"b": 2}, "d": [{"b": 1}] * 2, 1: "x", "1": "y"}
+
+
+def test_another_kind_of_error_and_what_to_do_go_through_the_door() -> None:
+    kinds = (
+        ValueError("v"),
+        OSError(5, "io"),
+        KeyError("k"),
+        InputError("i"),
+        RecursionError(),
+        MemoryError(),
+    )
+    for error in kinds:
+        with (
+            pytest.raises(ModelError, match=r"net\.onnx.*; export it again$"),
+            reading("net.onnx", "a network", ModelError, "export it again"),
+        ):
+            raise error
 
 
 def test_yaml_through_the_door_is_an_input_error(tmp_path: Path) -> None:

@@ -39,8 +39,9 @@ def write_network(path: Path, channels: int, metadata: str | None, height: int =
     )
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=9)
     if metadata is not None:
-        helper.set_model_props(model, {METADATA_KEY: metadata})
-    path.write_bytes(model.SerializeToString())
+        helper.set_model_props(model, {METADATA_KEY: metadata.replace("\udcff", "BAD")})
+    content = model.SerializeToString()
+    path.write_bytes(content.replace(b"BAD", b"\xff\xfe\xfd") if metadata == "\udcff" else content)
     return path
 
 
@@ -230,14 +231,16 @@ def test_a_folder_is_no_network(tmp_path: Path) -> None:
     ("metadata", "message"),
     [
         (None, "expected the metadata"),
-        ("{", "does not hold together"),
-        ("[]", "does not hold together"),
-        ('{"version": 1}', "does not hold together"),
+        ("{", "net.onnx: .*metadata"),
+        ("[]", "net.onnx: .*metadata"),
+        ('{"version": 1}', "net.onnx: .*metadata"),
         ('{"version": 99}', "metadata version"),
-        (SPEC.to_json().replace('"width": 32', '"width": "wide"'), "does not hold together"),
-        (SPEC.to_json().replace('"name"', '"nom"'), "does not hold together"),
+        (SPEC.to_json().replace('"width": 32', '"width": "wide"'), "net.onnx: .*metadata"),
+        (SPEC.to_json().replace('"name"', '"nom"'), "net.onnx: .*metadata"),
+        (SPEC.to_json().replace('"width": 32', '"width": 32.0'), "metadata: width: expected a whole number"),
+        ("\udcff", "an ONNX network with metadata in UTF-8"),
     ],
-    ids=["none", "cut", "list", "bare", "newer", "text for a number", "foreign key"],
+    ids=["none", "cut", "list", "bare", "newer", "text for a number", "foreign key", "float", "not UTF-8"],
 )
 def test_missing_or_wrong_metadata_is_said(tmp_path: Path, metadata: str | None, message: str) -> None:
     path = write_network(tmp_path / "net.onnx", 3, metadata)

@@ -86,6 +86,9 @@ def test_nothing_in_a_checkpoint_is_executed(tmp_path: Path) -> None:
         with pytest.raises(ModelError, match=f"{name}.pt"):
             read_checkpoint(tmp_path / f"{name}.pt")
     assert not (tmp_path / "ran").exists()
+    torch.save({"version": 1, "average": [1], "recipe": {"name": 3}}, tmp_path / "hollow.pt")
+    with pytest.raises(ModelError, match=r"hollow\.pt"):
+        load_network(tmp_path / "hollow.pt")
     with pytest.raises(InputError, match="no such checkpoint"):
         read_checkpoint(tmp_path / "none.pt")
 

@@ -1,9 +1,9 @@
-"""YAML from outside: limited in size, depth and what aliases unfold to; any fault is one ConfigError."""
+"""YAML from outside: limited in size, depth and aliases, no key twice; any fault is one ConfigError."""
 
 from collections.abc import Iterator
 from typing import Any
 
-from swardmap.errors import ConfigError, one_line
+from swardmap.errors import ConfigError, one_line, shortened
 
 MAX_YAML_BYTES = 2**20
 MAX_DEPTH = 32
@@ -19,7 +19,8 @@ def parse_yaml(content: bytes | str, name: str) -> Any:
         name: of the file or setting, for messages.
 
     Raises:
-        ConfigError: if it is no YAML, or nests, unfolds or weighs more than a file of settings can.
+        ConfigError: if it is no YAML, says a key twice, or nests, unfolds or weighs more than a file of
+            settings can.
     """
     import yaml
 
@@ -35,6 +36,7 @@ def parse_yaml(content: bytes | str, name: str) -> Any:
             if node is None:
                 return None
             _check_values(node, name)
+            _check_keys(node, name)
             return loader.construct_document(node)
         finally:
             loader.dispose()
@@ -68,3 +70,24 @@ def _check_values(root: Any, name: str) -> None:
 
     if size(root) > MAX_VALUES:
         raise ConfigError(f"{name}: expected at most {MAX_VALUES} values in YAML, its aliases unfold to more")
+
+
+def _check_keys(root: Any, name: str) -> None:
+    """Of two values of one key the last would win in silence, though a person reads the first."""
+    todo, done = [root], set[int]()
+    while todo:
+        node = todo.pop()
+        if id(node) in done or not isinstance(node.value, list):
+            continue
+        done.add(id(node))
+        lines: dict[tuple[str, str], int] = {}
+        for child in node.value:
+            if isinstance(child, tuple) and isinstance(child[0].value, str):
+                key, line = (child[0].tag, child[0].value), child[0].start_mark.line + 1
+                if key in lines:
+                    raise ConfigError(
+                        f"{name}: expected each key once, got {shortened(key[1])} in lines {lines[key]} "
+                        f"and {line}; remove one of the two"
+                    )
+                lines[key] = line
+            todo += child if isinstance(child, tuple) else (child,)

@@ -34,33 +34,38 @@ MAX_HEADER_BYTES = 10_000
 
 
 @contextmanager
-def reading(name: str | Path, what: str = "a readable file") -> Iterator[None]:
-    """Turn whatever is raised inside into one InputError that names the file.
+def reading(
+    name: str | Path, what: str = "a readable file", kind: type[SwardmapError] = InputError, more: str = ""
+) -> Iterator[None]:
+    """Turn whatever is raised inside into one error of ours that names the file.
 
     Args:
         name: of the file or message.
         what: it was expected to be.
+        kind: of error.
+        more: what to do about it, at the end of the message.
 
     Raises:
-        InputError: as it is, or of any other exception.
+        InputError: as it is, or of any other exception; in its place any other `kind`.
     """
+    more = f"; {more}" if more else ""
     try:
         yield
-    except InputError:
+    except kind:
         raise
     except SwardmapError as error:
-        raise InputError(f"{name}: {one_line(error)}") from error
+        raise kind(f"{name}: {one_line(error)}{more}") from error
     except OSError as error:
-        raise InputError(f"cannot read {name}: {error.strerror or one_line(error)}") from error
+        raise kind(f"cannot read {name}: {error.strerror or one_line(error)}{more}") from error
     except RecursionError as error:
-        raise InputError(f"{name}: expected {what}, got one nested too deeply") from error
+        raise kind(f"{name}: expected {what}, got one nested too deeply{more}") from error
     except MemoryError as error:
-        raise InputError(f"{name}: expected {what}, got one that needs more memory than there is") from error
+        raise kind(f"{name}: expected {what}, got one that needs more memory than there is{more}") from error
     except KeyError as error:
         missing = shortened(error.args[0] if error.args else error)
-        raise InputError(f"{name}: expected {what} with {missing}, which is missing") from error
+        raise kind(f"{name}: expected {what} with {missing}, which is missing{more}") from error
     except Exception as error:
-        raise InputError(f"{name}: expected {what}, got: {one_line(error, 150)}") from error
+        raise kind(f"{name}: expected {what}, got: {one_line(error, 150)}{more}") from error
 
 
 def through_door(what: str) -> Callable[[Callable[Given, Found]], Callable[Given, Found]]:

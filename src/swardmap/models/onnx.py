@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from swardmap.config import SegmenterConfig
 from swardmap.errors import ConfigError, ModelError
+from swardmap.io.door import reading
 from swardmap.labels import VOID_ID, LabelSet, MapClass
 from swardmap.models import bundled_network
 from swardmap.models.spec import METADATA_KEY, UNFAMILIAR, NetworkSpec
@@ -217,7 +218,8 @@ def _open_session(path: Path, threads: int, provider: str) -> Any:
 
 
 def _read_spec(session: Any, path: Path) -> NetworkSpec:
-    text = session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)
+    with reading(path, "an ONNX network with metadata in UTF-8", ModelError):
+        text = session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)
     if text is None:
         raise ModelError(
             f"{path}: expected the metadata '{METADATA_KEY}' (input size, classes), got a network without; "

@@ -10,13 +10,20 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from swardmap.errors import InvalidValueError, ModelError, one_line
+from swardmap.errors import InvalidValueError, ModelError
+from swardmap.io.door import parse_json, reading
 from swardmap.labels import LabelClass, LabelSet
 
 METADATA_KEY = "swardmap"
 METADATA_VERSION = 1
 ACTIVATIONS = ("softmax", "sigmoid")
 COLOUR_ORDERS = ("rgb", "bgr")
+SHAPE = {
+    "version": int, "name": str, "width": int, "height": int, "channel_ids": [int],
+    "mean": [float], "std": [float], "label_set": [{"id": int, "name": str, "color": [int]}],
+    "temperature?": float, "licence?": str, "training?": {}, "metrics?": {},
+}  # fmt: skip
+"""Of the JSON; see `door.parse_json`."""
 
 UNFAMILIAR = "unfamiliar"
 """Output of a network, one float32 of 0 or more: how unlike the images that it knows the image is."""
@@ -111,25 +118,20 @@ class NetworkSpec:
         Raises:
             ModelError: for text that is not such metadata, or of a version this swardmap does not know.
         """
-        try:
-            tree = json.loads(text)
+        with reading(where, "swardmap metadata that hold together", ModelError):
+            tree = parse_json(text, "metadata", {"version": int})
             version = tree.pop("version")
             if version != METADATA_VERSION:
                 raise ModelError(
                     f"{where}: expected metadata version {METADATA_VERSION}, got {version!r}; "
                     "export it again with this swardmap"
                 )
+            parse_json(text, "metadata", SHAPE)
             tree["label_set"] = LabelSet(tuple(_label_class(c) for c in tree["label_set"]))
             tree["channel_ids"] = tuple(int(i) for i in tree["channel_ids"])
             for key in ("mean", "std"):
                 tree[key] = tuple(float(v) for v in tree[key])
             return cls(**tree)
-        except ModelError:
-            raise
-        except Exception as error:
-            raise ModelError(
-                f"{where}: its swardmap metadata does not hold together: {one_line(error)}"
-            ) from error
 
 
 def _label_class(tree: Mapping[str, Any]) -> LabelClass:

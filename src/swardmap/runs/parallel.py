@@ -7,6 +7,7 @@ where it was; here nothing is kept. Workers end with their parent, say nothing, 
 import os
 import queue
 import signal
+import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -25,6 +26,8 @@ Work = Callable[[Part, Tick], Result]
 OnDone = Callable[[int, int], None]
 """Called with what is done and with all there is to do, both in the same unit."""
 
+STOP_S, END_S = 3.0, 5.0
+"""That workers have to stop at their next tick, and then to leave their work."""
 IN_FLIGHT = 2
 """Parts a worker that are handed out at a time, so that none waits for the parent."""
 
@@ -90,9 +93,30 @@ def _in_processes(
             for future in finished:
                 yield running.pop(future), _result(future)
         _tell(ticks, on_tick)
-    finally:
+    except BaseException:  # an error, Ctrl-C, or who asked wants no more
         stop.set()
-        pool.shutdown(wait=True, cancel_futures=True)
+        _end(pool)
+        raise
+    pool.shutdown(wait=True)
+
+
+def _end(pool: ProcessPoolExecutor) -> None:
+    """End the workers: at their next tick, when asked to, or at last by force.
+
+    A worker that compiles its first kernels or maps a large frame has no tick for a minute, and nobody who
+    gave up waits that long. What it holds is whole in any case: results are kept by the parent, and what a
+    worker writes itself appears under its name only when it is whole.
+    """
+    workers = list((getattr(pool, "_processes", None) or {}).values())  # gone after shutdown
+    pool.shutdown(wait=False, cancel_futures=True)
+    for patience_s, end in ((STOP_S, "terminate"), (END_S, "kill")):
+        until = time.monotonic() + patience_s
+        for worker in workers:
+            worker.join(max(0.0, until - time.monotonic()))
+            if worker.is_alive():
+                getattr(worker, end)()
+    for worker in workers:
+        worker.join(END_S)
 
 
 @contextmanager
@@ -128,7 +152,18 @@ class _StoppedError(SwardmapError):
 
 
 def _in_worker(work: Work[Part, Result], part: Part) -> Result:
-    return work(part, _tick_in_worker)
+    _worker["works"] = True
+    try:
+        return work(part, _tick_in_worker)
+    finally:
+        _worker["works"] = False
+
+
+def _asked_to_end(*_: object) -> None:
+    """Leave the work as by Ctrl-C, so that nothing half-written stays; without work at once."""
+    if not _worker.get("works"):
+        os._exit(1)
+    raise KeyboardInterrupt
 
 
 def _tick_in_worker() -> None:
@@ -140,11 +175,11 @@ def _tick_in_worker() -> None:
 def _start_worker(parent: int, ticks: Any, stop: Any) -> None:
     """End with the parent, even if that is killed: an orphan would wait for work for ever."""
     import threading
-    import time
 
     import cv2
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's
+    signal.signal(signal.SIGTERM, _asked_to_end)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     os.environ["LP_NUM_THREADS"] = "1"  # of Mesa's software driver; read when the context is made
     cv2.setNumThreads(1)

@@ -9,12 +9,9 @@ before, which compress better. Nothing is unpickled, and nothing is ever unpacke
 """
 
 import hashlib
-import io
 import json
-import lzma
 import re
 import zipfile
-import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,8 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swardmap.errors import InputError
-from swardmap.io.door import through_door
+from swardmap.io.door import parse_npz, reading
 from swardmap.synth.model import Float32Array
 
 FORMAT = "swardmap-garden-assets/1"
@@ -35,12 +31,6 @@ MAX_MEMBER_BYTES = 64 * 2**20
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,79}")
 STEPS = 65535
 AGAIN = "install the garden assets again: pip install --force-reinstall ./garden_assets"
-DAMAGE = (
-    ValueError, KeyError, TypeError, IndexError, AttributeError, OSError, EOFError, MemoryError,
-    OverflowError, RuntimeError, NotImplementedError, zipfile.BadZipFile, zlib.error, lzma.LZMAError,
-    InputError,
-)  # fmt: skip
-"""What a damaged bundle can raise, of which we make one clear error."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +55,8 @@ class Bundle:
             name: of the asset.
 
         Raises:
-            One of DAMAGE: if the member is missing, too large, or not what the index says.
+            Exception: of any kind, if the member is missing, too large, or not what the index says; the
+                caller reads inside `door.reading`.
         """
         member = f"{part}/{name}.{PARTS[part]}"
         with zipfile.ZipFile(self.path) as bundle:
@@ -75,14 +66,13 @@ class Bundle:
         return content
 
 
-@through_door("a bundle of models")
 def open_bundle(path: Path) -> Bundle:
     """Read the index of a bundle, nothing else.
 
     Raises:
         InputError: if it is no bundle, or its index is damaged.
     """
-    try:
+    with reading(path, "a bundle of garden assets", more=AGAIN):
         if path.stat().st_size > MAX_BUNDLE_BYTES:
             raise ValueError(f"expected at most {MAX_BUNDLE_BYTES} bytes, got {path.stat().st_size}")
         with zipfile.ZipFile(path) as bundle:
@@ -92,19 +82,12 @@ def open_bundle(path: Path) -> Bundle:
             raise ValueError(f"expected format {FORMAT}, got {index['format']!r}")
         for part in PARTS:
             _check_names(index[part])
-    except (*DAMAGE, RecursionError) as error:
-        raise InputError(f"{path}: expected a bundle of garden assets ({error}); {AGAIN}") from error
     return Bundle(path, index, hashlib.sha256(text).digest())
 
 
 def arrays_of(content: bytes) -> dict[str, NDArray[Any]]:
     """Arrays of an .npz, which may not unpack to more than the limit."""
-    with zipfile.ZipFile(io.BytesIO(content)) as inner:
-        size = sum(item.file_size for item in inner.infolist())
-    if size > MAX_MEMBER_BYTES:
-        raise ValueError(f"expected arrays of at most {MAX_MEMBER_BYTES} bytes, got {size}")
-    with np.load(io.BytesIO(content), allow_pickle=False) as archive:
-        return {name: archive[name] for name in archive.files}
+    return parse_npz(content, "arrays", MAX_MEMBER_BYTES)
 
 
 def unquantised(steps: NDArray[np.uint16], low: Iterable[float], high: Iterable[float]) -> Float32Array:

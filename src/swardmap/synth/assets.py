@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swardmap.errors import InputError, MissingExtraError
+from swardmap.io.door import reading
 from swardmap.io.images import decode
 from swardmap.synth.asset_bundle import (
     AGAIN,
-    DAMAGE,
     Bundle,
     arrays_of,
     open_bundle,
@@ -207,10 +207,8 @@ class Assets:
     def _once(self, part: str, name: str, read: Callable[[Bundle], T]) -> T:
         if (part, name) not in self._kept:
             bundle = self._bundles[part, name]
-            try:
+            with reading(f"{bundle.path}: {part}/{name}", "a whole asset", more=AGAIN):
                 self._kept[part, name] = read(bundle)
-            except DAMAGE as error:
-                raise InputError(f"{bundle.path}: {part}/{name} is damaged ({error}); {AGAIN}") from error
         kept: T = self._kept[part, name]
         return kept
 
@@ -255,11 +253,17 @@ def open_assets(folder: str | Path | None = None) -> Assets:
     paths = sorted(place.glob("*.zip")) if place.is_dir() else []
     if not paths:
         raise MissingExtraError(f"{place}: expected a folder with bundles (*.zip), found none. {INSTALL}")
-    bundles = [open_bundle(path) for path in paths]
-    try:
+    return assets_of(place, [open_bundle(path) for path in paths])
+
+
+def assets_of(place: Path, bundles: Iterable[Bundle]) -> Assets:
+    """The assets of bundles.
+
+    Raises:
+        InputError: if their indices are damaged or do not fit together.
+    """
+    with reading(place, "bundles that fit together", more=AGAIN):
         return Assets(place, bundles)
-    except DAMAGE as error:
-        raise InputError(f"{place}: expected bundles that fit together ({error!r}); {AGAIN}") from error
 
 
 def _find() -> Path:

@@ -10,12 +10,14 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from swardmap.errors import ConfigError, InputError, ModelError, OutputError
+from swardmap.errors import ConfigError, InputError, ModelError, OutputError, one_line
+from swardmap.io.door import reading
 from swardmap.train.build import build_network, fitted_head, network_spec
 from swardmap.train.networks import DeepLabV3Plus
 from swardmap.train.recipe import Recipe, recipe_from_dict, recipe_to_dict
 
 CHECKPOINT_VERSION = 1
+WHOLE = "a whole checkpoint of this network"
 
 
 @dataclass(eq=False)
@@ -71,15 +73,16 @@ def restore(run: Run, path: Path) -> None:
         ModelError: for a file that is no checkpoint.
     """
     state = read_checkpoint(path)
-    if state["digest"] != run.recipe.digest or "optimizer" not in state:
+    if state.get("digest") != run.recipe.digest or "optimizer" not in state:
         raise ConfigError(
             f"{path} was made by another recipe; choose another output folder, or remove it to start again"
         )
-    run.network.load_state_dict(state["network"])
-    run.auxiliary.load_state_dict(state["auxiliary"])
-    run.optimizer.load_state_dict(state["optimizer"])
-    run.average = {k: v.to(run.device) for k, v in state["average"].items()}
-    run.step, run.best, run.history = state["step"], state["best"], state["history"]
+    with reading(path, WHOLE, ModelError):
+        run.network.load_state_dict(state["network"])
+        run.auxiliary.load_state_dict(state["auxiliary"])
+        run.optimizer.load_state_dict(state["optimizer"])
+        run.average = {k: v.to(run.device) for k, v in state["average"].items()}
+        run.step, run.best, run.history = int(state["step"]), float(state["best"]), list(state["history"])
 
 
 def begin_from(run: Run, path: Path) -> None:
@@ -91,7 +94,8 @@ def begin_from(run: Run, path: Path) -> None:
         ModelError: for a file that is no checkpoint, or one of another network.
     """
     state, own = read_checkpoint(path), run.network.state_dict()
-    specs = network_spec(run.recipe), network_spec(recipe_from_dict(state["recipe"], str(path)))
+    with reading(path, WHOLE, ModelError):
+        specs = network_spec(run.recipe), network_spec(recipe_from_dict(state["recipe"], str(path)))
     try:
         run.network.load_state_dict(state["average"] | fitted_head(state["average"], own, *specs))
     except (RuntimeError, LookupError) as error:  # torch lists every tensor that does not fit
@@ -115,7 +119,7 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
         state = torch.load(path, map_location="cpu", weights_only=True)
     except Exception as error:  # torch raises many kinds for a damaged file
         raise ModelError(
-            f"{path}: expected a checkpoint, got a damaged or foreign file ({error!r:.120})"
+            f"{path}: expected a checkpoint, got a damaged or foreign file ({one_line(repr(error), 120)})"
         ) from error
     if not isinstance(state, dict) or state.get("version") != CHECKPOINT_VERSION or "average" not in state:
         raise ModelError(f"{path}: expected a checkpoint of swardmap version {CHECKPOINT_VERSION}")
@@ -125,9 +129,10 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
 def load_network(path: Path) -> tuple[DeepLabV3Plus, Recipe, dict[str, Any]]:
     """The trained network of a checkpoint, its recipe, and the checkpoint's other contents."""
     state = read_checkpoint(path)
-    recipe = recipe_from_dict(state["recipe"], str(path))
-    network = build_network(recipe, pretrained=False)
-    network.load_state_dict(state["average"])
+    with reading(path, WHOLE, ModelError):
+        recipe = recipe_from_dict(state["recipe"], str(path))
+        network = build_network(recipe, pretrained=False)
+        network.load_state_dict(state["average"])
     return network.eval(), recipe, state
 
 
@@ -146,7 +151,9 @@ def blended(network: DeepLabV3Plus, path: Path, share: float) -> None:
         ModelError: for a file that is no checkpoint, or one of another network.
     """
     own, other = network.state_dict(), read_checkpoint(path)["average"]
-    if {k: v.shape for k, v in own.items()} != {k: v.shape for k, v in other.items()}:
+    with reading(path, WHOLE, ModelError):
+        shapes = {k: v.shape for k, v in other.items()}
+    if {k: v.shape for k, v in own.items()} != shapes:
         raise ModelError(f"{path}: expected a checkpoint of the same network, got another")
     mixed = {k: v.lerp(other[k].to(v), share) if v.is_floating_point() else v for k, v in own.items()}
     network.load_state_dict(mixed)

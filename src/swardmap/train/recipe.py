@@ -9,8 +9,7 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-import yaml
-
+from swardmap.config.loader import read_yaml
 from swardmap.config.settings import Checked, build, merge_overrides, setting
 from swardmap.errors import ConfigError
 from swardmap.labels import GRASS_OBSTACLE_PERSON, LabelSet, Role
@@ -225,10 +224,7 @@ def load_recipe(path: Path, overrides: Iterable[str] = ()) -> Recipe:
     Raises:
         ConfigError: for a file that cannot be read, an unknown key or a value out of range.
     """
-    try:
-        tree = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ConfigError(f"cannot read the recipe {path}: {error}") from error
+    tree = read_yaml(path)
     if isinstance(tree, dict):
         merge_overrides(tree, overrides)
     return recipe_from_dict(tree, str(path))

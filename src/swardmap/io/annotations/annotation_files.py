@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from swardmap.errors import InputError
+from swardmap.errors import InputError, shortened
 from swardmap.io.annotations.coco import read_coco
 from swardmap.io.annotations.cvat_xml import read_cvat_xml
 from swardmap.io.annotations.label_studio import read_label_studio
@@ -254,8 +254,10 @@ def _background_first(colors: dict[str, Color | None]) -> dict[str, Color | None
 
 def _color(words: list[str], file: Path) -> Color:
     plain = [word.strip() for word in words]
-    if len(plain) != 3 or not all(w.isascii() and w.isdigit() and int(w) < 256 for w in plain):
-        raise InputError(f"{file}: expected a colour of three numbers in 0..255, got '{' '.join(plain)}'")
+    if len(plain) != 3 or not all(w.isascii() and w.isdigit() and len(w) < 9 and int(w) < 256 for w in plain):
+        raise InputError(
+            f"{file}: expected a colour of three numbers in 0..255, got {shortened(' '.join(plain))}"
+        )
     return int(plain[0]), int(plain[1]), int(plain[2])
 
 

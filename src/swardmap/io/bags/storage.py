@@ -16,6 +16,7 @@ from typing import Any
 
 from swardmap.errors import InputError
 from swardmap.io.bags.mcap_checksums import check_mcap
+from swardmap.io.door import read_yaml, reading
 
 METADATA = "metadata.yaml"
 STORAGE = (".db3", ".mcap")
@@ -150,19 +151,12 @@ def _metadata(path: Path) -> dict[str, Any]:
     Raises:
         InputError: if it is none, or of a version that is not known.
     """
-    import yaml
-
     file = path / METADATA
     if not file.is_file():
         return {}
-    try:
-        tree = yaml.safe_load(file.read_text(encoding="utf-8"))["rosbag2_bagfile_information"]
+    with reading(f"metadata of a ROS 2 bag, {file}", "a whole file"):
+        tree = dict(read_yaml(file)["rosbag2_bagfile_information"])
         version = int(tree["version"])
-    except (OSError, ValueError, KeyError, TypeError, RecursionError, yaml.YAMLError) as error:
-        reason = " ".join(str(error).split())[:200]
-        raise InputError(
-            f"{file} cannot be read as the metadata of a ROS 2 bag: {reason}. Is it whole?"
-        ) from error
     if version > NEWEST_METADATA:
         raise InputError(f"{file}: expected version {NEWEST_METADATA} at most, got {version}")
-    return dict(tree)
+    return tree
