@@ -31,8 +31,8 @@ Change = Callable[[Frame], Frame]
 class Given(AnalyticSource):
     """A drive whose frames were changed."""
 
-    def __init__(self, change: Callable[[Sequence[Frame]], Sequence[Frame]]) -> None:
-        drive = AnalyticSource(garden_scene(0), tuple(lane_poses(6, step_m=0.4)), SMALL)
+    def __init__(self, change: Callable[[Sequence[Frame]], Sequence[Frame]], count: int = 6) -> None:
+        drive = AnalyticSource(garden_scene(0), tuple(lane_poses(count, step_m=0.4)), SMALL)
         self.__dict__.update(drive.__dict__)
         self.frames = change(list(drive))
 
@@ -177,3 +177,22 @@ def test_an_evaluation_counts_them_and_strict_stops(
     assert json.loads((tmp_path / "out" / "results.json").read_text())["faults"] == {"black": 1}
     assert run([*command, "-o", str(tmp_path / "strict"), "--strict"]) == 1
     assert "frame 3: black (--strict stops here)" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("count", "since"), [(6, 1), (9, 8)], ids=["in a part", "over the edge of two parts"]
+)
+def test_an_evaluation_stops_at_a_frozen_frame(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], count: int, since: int
+) -> None:
+    def held(frames: Sequence[Frame]) -> list[Frame]:
+        last = frames[since - 1]
+        same = [replace(f, rgb=last.rgb, depth=last.depth, labels=last.labels) for f in frames[since:]]
+        return [*frames[:since], *same]
+
+    write_folder(Given(held, count), tmp_path / "rec")
+    command = ["evaluate", str(tmp_path / "rec"), "--segmenter", "truth", "--workers", "1", "--no-budget",
+               "--resolution", "0.2"]  # fmt: skip
+    assert run([*command, "-o", str(tmp_path / "out"), "--strict"]) == 1
+    assert f"frame {since}: frozen (--strict stops here)" in capsys.readouterr().err
+    assert not (tmp_path / "out" / "results.json").exists()

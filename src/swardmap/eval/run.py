@@ -24,6 +24,7 @@ from swardmap.eval.frame import Plan, evaluate_part
 from swardmap.io.door import parse_json, reading
 from swardmap.io.files import read_bytes, write_text
 from swardmap.pipeline import configured_mount
+from swardmap.runs.frame_check import faults_in_order
 from swardmap.runs.parallel import OnDone, Tick, each_part
 from swardmap.runs.plan_folder import open_plan_folder, read_plan_file
 from swardmap.runs.versions import network_digest
@@ -95,12 +96,15 @@ def evaluate(
     work = partial(_work, replace(plan, config=_one_thread(plan.config)))
     for (start, stop), text in each_part(work, todo, workers, ray_address):
         if strict:
-            _stop_at_error(text)
+            _stop_at_fault([json.loads(line) for line in text.splitlines()], plan.config)
         _write_part(out, (start, stop), text)
         done += stop - start
         if on_done is not None:
             on_done(done, total)
-    return read_records(out, total)
+    records = read_records(out, total)
+    if strict:  # of all: a frame may repeat the last of the part before
+        _stop_at_fault(records, plan.config)
+    return records
 
 
 def parts_of(total: int) -> list[Part]:
@@ -199,14 +203,15 @@ def _is_whole(out: Path, part: Part) -> bool:
         return False
 
 
-def _stop_at_error(text: str) -> None:
-    for line in text.splitlines():
-        record = json.loads(line)
+def _stop_at_fault(records: list[dict[str, Any]], config: Config) -> None:
+    """Raise InputError for the first of these frames, in order, that failed or that the watchdog refuses."""
+    for record in records:
         if "error" in record:
             raise InputError(f"frame {record['index']}: {record['error']} (--strict stops here)")
-        if record.get("looks", {}).get("faults"):
-            faults = ", ".join(record["looks"]["faults"])
-            raise InputError(f"frame {record['index']}: {faults} (--strict stops here)")
+    looks = (record.get("looks") for record in records)
+    for place, faults in faults_in_order(looks, config.watchdog):
+        found = ", ".join(faults)
+        raise InputError(f"frame {records[place]['index']}: {found} (--strict stops here)")
 
 
 def _work(plan: Plan, part: Part, _: Tick) -> str:

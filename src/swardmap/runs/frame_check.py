@@ -99,13 +99,23 @@ def looks_of(
 def faults_of_records(looks: Iterable[Mapping[str, Any] | None], config: WatchdogConfig) -> dict[str, int]:
     """How many frames had each fault, of what `looks_of` kept of them in order; None = a frame without."""
     counts: dict[str, int] = {}
-    last: Mapping[str, Any] | None = None
-    for look in looks:
-        if look is not None:
-            for fault in (*look["faults"], *_frozen(look, last, config)):
-                counts[fault] = counts.get(fault, 0) + 1
-        last = look
+    for _, faults in faults_in_order(looks, config):
+        for fault in faults:
+            counts[fault] = counts.get(fault, 0) + 1
     return counts
+
+
+def faults_in_order(
+    looks: Iterable[Mapping[str, Any] | None], config: WatchdogConfig
+) -> Iterator[tuple[int, tuple[str, ...]]]:
+    """Place and faults of each frame that has any; see `faults_of_records`."""
+    last: Mapping[str, Any] | None = None
+    for place, look in enumerate(looks):
+        if look is not None:
+            faults = (*look["faults"], *_frozen(look, last, config))
+            if faults:
+                yield place, faults
+        last = look
 
 
 def _frozen(
