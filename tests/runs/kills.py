@@ -17,6 +17,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,7 @@ class Verb:
         command: writes it to a path; may raise or return an exit code.
         old: writes an older one there, to be replaced; None = nothing is there before.
         resumes: whether what is left after a kill may be a folder with a plan.
+        grows: reads each file of a folder whose files are written over and over; raises if one is not whole.
         name: of the result.
     """
 
@@ -41,6 +43,7 @@ class Verb:
     old: Callable[[Path], Any] | None = None
     resumes: bool = False
     name: str = "out"
+    grows: Callable[[Path], Any] | None = None
 
 
 def changes(event: str, arguments: tuple[Any, ...], below: str) -> bool:
@@ -109,6 +112,12 @@ def check_left(out: Path, verb: Verb, old: dict[str, bytes], new: dict[str, byte
         return "new"
     if verb.old is not None and left == old:
         return "old"
+    if verb.grows is not None:
+        for file in out.iterdir():
+            if not file.name.startswith("."):
+                verb.grows(file)
+        assert not {n for n in left if not n.startswith(".")} - new.keys(), "files of another name"
+        return "resumes"
     assert verb.resumes, f"neither old nor new: {sorted(left)[:8]}"
     assert left.get(MARKER) == new[MARKER], "it does not say what kind it is"
     assert left.get(PLAN) == new[PLAN], "it does not say what it is going to be"
@@ -194,7 +203,56 @@ def verbs(folder: Path) -> dict[str, Verb]:
         "record_over": Verb(recorded(over), recorded("--frames", "2"), name="drive.mcap"),
         "synth": Verb(filmed(plan), resumes=True),
         "synth_over": Verb(filmed(plan, True), filmed(replace(plan, seed=1)), resumes=True),
+        "node_save": Verb(_saved_by_the_node(drive)),
+        **_trained(folder / "photos"),
     }
+
+
+def _saved_by_the_node(drive: Path) -> Callable[[Path], Any]:
+    """The service ~/save, whose living map a restarted node goes on from."""
+    from swardmap.config import config_from_dict
+    from swardmap.io import open_source
+    from swardmap.models import build_segmenter
+    from swardmap.ros.watched_mapper import WatchedMapper
+
+    config = config_from_dict({"grid": {"mode": "log_odds"}, "segmenter": {"name": "colour"}})
+    mapper = WatchedMapper(config, build_segmenter(config.segmenter, None), {"camera": None})
+    for frame in open_source(drive):
+        mapper.map_frame("camera", frame, frame.stamp_ns)
+
+    def save(out: Path) -> None:
+        if not out.exists():  # a node saves into a new folder at each call
+            mapper.save(out)
+
+    return save
+
+
+def _trained(photos: Path) -> dict[str, Verb]:
+    """Training of a tiny network, which is checked and saved twice; none without torch."""
+    if find_spec("torch") is None:
+        return {}
+    import torch
+
+    from swardmap.train.checkpoint import read_checkpoint
+    from swardmap.train.loop import train
+    from swardmap.train.recipe import recipe_from_dict
+    from tests.train.conftest import write_photos
+
+    torch.set_num_threads(1)
+    write_photos(photos / "made", range(4))
+    network = {"encoder": "efficientnet-lite0", "decoder_channels": 8, "rates": [1, 2, 3], "width": 32,
+               "height": 32, "imagenet": False}  # fmt: skip
+    schedule = {"steps": 2, "batch": 2, "crop": 32, "warmup": 1, "check_every": 1, "precision": "fp32"}
+    data = [{"name": "made", "folder": "made"}, {"name": "held", "folder": "made", "validation": True}]
+    recipe = recipe_from_dict({"name": "tiny", "network": network, "schedule": schedule, "data": data})
+
+    def read(file: Path) -> None:
+        if file.suffix == ".pt":
+            read_checkpoint(file)
+        else:
+            assert file.stat().st_size > 0
+
+    return {"train": Verb(lambda out: train(recipe, photos, out, lambda _: None) and 0, grows=read)}
 
 
 def main(name: str, folder: Path, every: int = 1) -> None:

@@ -18,8 +18,10 @@ VERBS = (
     "record_over",
     "synth",
     "synth_over",
+    "node_save",
+    "train",
 )
-EVERY = {"record": 1, "record_over": 1}
+EVERY = {"record": 1, "record_over": 1, "node_save": 9, "train": 9}
 """Calls from one kill to the next, else 5; `python -m tests.runs.kills` takes any."""
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs processes of POSIX")
 

@@ -188,8 +188,18 @@ def test_a_device_or_folder_that_cannot_be_is_said(
     (tmp_path / "file").touch()
     with pytest.raises(OutputError, match="cannot make the folder"):
         train(recipe, data_root, tmp_path / "file", silent)
-    (tmp_path / "run/last.partial").mkdir(parents=True)  # nothing can be written there
-    with pytest.raises(OutputError, match=r"cannot write .*last.pt"):
+
+
+def test_a_full_disk_leaves_the_checkpoint_before(
+    data_root: Path, tiny_recipe: MakeRecipe, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recipe = recipe_from_dict(tiny_recipe(steps=2))
+
+    def full(*_: object) -> None:
+        raise RuntimeError("unexpected pos 64 vs 0")  # as torch says it
+
+    monkeypatch.setattr(torch, "save", full)
+    with pytest.raises(OutputError, match="the checkpoint before it stays"):
         train(recipe, data_root, tmp_path / "run", silent)
 
 

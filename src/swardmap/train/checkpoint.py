@@ -1,8 +1,6 @@
 """Checkpoints: tensors and plain values, written whole, loaded without unpickling anything else."""
 
-import os
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,6 +10,7 @@ from torch import Tensor, nn
 
 from swardmap.errors import ConfigError, InputError, ModelError, OutputError, one_line
 from swardmap.io.door import reading
+from swardmap.io.files import atomic_write
 from swardmap.train.build import build_network, fitted_head, network_spec
 from swardmap.train.networks import DeepLabV3Plus
 from swardmap.train.recipe import Recipe, recipe_from_dict, recipe_to_dict
@@ -36,7 +35,10 @@ class Run:
 
 
 def save_progress(run: Run, out: Path, value: float) -> None:
-    """Write `last.pt`, and `best.pt` if this is the best so far."""
+    """Write `best.pt` if this is the best so far, then `last.pt`.
+
+    What a run leaves between the two steps is done again from `last.pt` on, so that comes last of all.
+    """
     better = value > run.best
     run.best = max(run.best, value)
     state = {
@@ -51,12 +53,12 @@ def save_progress(run: Run, out: Path, value: float) -> None:
         "average": run.average,
         "optimizer": run.optimizer.state_dict(),
     }
-    _save(state, out / "last.pt")
     if better:
         _save(
             {k: state[k] for k in ("version", "recipe", "digest", "step", "best", "history", "average")},
             out / "best.pt",
         )
+    _save(state, out / "last.pt")
 
 
 def save_start(run: Run, path: Path) -> None:
@@ -172,14 +174,8 @@ def make_folder(path: Path) -> None:
 
 
 def _save(state: Mapping[str, Any], path: Path) -> None:
-    partial = path.with_suffix(".partial")
     try:
-        with partial.open("wb") as file:
+        with atomic_write(path) as file:
             torch.save(dict(state), file)
-            file.flush()
-            os.fsync(file.fileno())
-        partial.replace(path)
-    except (OSError, RuntimeError) as error:  # torch's writer raises the latter on a full disk
-        with suppress(OSError):
-            partial.unlink()
-        raise OutputError(f"cannot write {path}; the checkpoint before it stays: {error}") from error
+    except (OSError, RuntimeError, OutputError) as error:  # torch's writer raises the second on a full disk
+        raise OutputError(f"{one_line(error)}; the checkpoint before it stays") from error

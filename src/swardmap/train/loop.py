@@ -15,6 +15,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F  # noqa: N812 - torch's own name for it
 
 from swardmap.errors import ConfigError
+from swardmap.io.staging import sweep_inside
 from swardmap.labels import VOID_ID, LabelSet, Role
 from swardmap.models import bundled_network
 from swardmap.models.onnx import decide, preprocess
@@ -77,6 +78,8 @@ def train(recipe: Recipe, root: Path, out: Path, report: Report, device: str = "
     """
     make_folder(out)
     rank, world = join_processes(device)
+    if rank == 0:
+        sweep_inside(out)  # what a killed run left
     last = out / "last.pt"
     run = start_run(recipe, torch.device(device), pretrained=not (last.exists() or recipe.start))
     learn, check = load_photos(recipe, root, validation=False), load_photos(recipe, root, validation=True)
@@ -97,8 +100,8 @@ def train(recipe: Recipe, root: Path, out: Path, report: Report, device: str = "
             figures = validate(network, recipe, check, run.device)
             run.history.append({"step": run.step, "loss": loss, **figures})
             report(run.history[-1])
-            save_progress(run, out, selection_score(figures, check, recipe.network.label_set))
             write_pictures(out, run.history, _examples(network, recipe, check, run.device))
+            save_progress(run, out, selection_score(figures, check, recipe.network.label_set))
     return run
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from swardmap.io.files import write_bytes
 from swardmap.train.augment import Image
 from swardmap.train.photos import Photo
 from swardmap.types import Segmentation
@@ -26,10 +27,10 @@ def write_pictures(
     out: Path, history: Sequence[Mapping[str, Any]], examples: Sequence[tuple[Photo, Segmentation]]
 ) -> None:
     """Write `curve.json`, `curve.png` and `examples.png` into the folder, each whole."""
-    _replace(out / "curve.json", json.dumps(list(history), indent=1).encode())
-    _replace(out / "curve.png", _png(draw_curves(history)))
+    write_bytes(out / "curve.json", json.dumps(list(history), indent=1).encode())
+    write_bytes(out / "curve.png", _png(draw_curves(history)))
     if examples:
-        _replace(out / "examples.png", _png(draw_examples(examples)))
+        write_bytes(out / "examples.png", _png(draw_examples(examples)))
 
 
 def draw_curves(history: Sequence[Mapping[str, Any]]) -> Image:
@@ -71,9 +72,3 @@ def draw_examples(examples: Sequence[tuple[Photo, Segmentation]], width: int = 2
 def _png(image: Image) -> bytes:
     _, data = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
     return bytes(data.tobytes())
-
-
-def _replace(path: Path, data: bytes) -> None:
-    partial = path.with_suffix(path.suffix + ".partial")
-    partial.write_bytes(data)
-    partial.replace(path)
