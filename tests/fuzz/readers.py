@@ -129,9 +129,9 @@ def readers(corpus: Path) -> dict[str, Reader]:
     found["mat"] = Reader(lambda p: read_mat(p, ("Depth",)), ((corpus / "d.mat").read_bytes(),), ".mat")
     evaluation = corpus / "evaluation"
     for name in saved.evaluation(evaluation):
-        good = ((evaluation / name).read_bytes(),)
+        whole = ((evaluation / name).read_bytes(),)
         for verb, read in (("evaluation", saved.read_evaluation), ("compare", saved.compare)):
-            found[f"{verb} {name.split('/')[0]}"] = Reader(read, good, "", evaluation, name)
+            found[f"{verb} {name.split('/')[0]}"] = Reader(read, whole, "", evaluation, name)
     found["assets"] = Reader(*saved.assets(corpus), ".zip")
     found["network metadata"] = Reader(*saved.network_metadata(), ".json")
     if importlib.util.find_spec("torch") is not None:

@@ -174,7 +174,7 @@ def main(arguments: Sequence[str]) -> int:
     seed = int(arguments[1]) if len(arguments) > 1 else 0
     much = arguments[0]
     limits = (math.inf, int(much[:-1])) if much.endswith("x") else (float(much), math.inf)
-    found = fuzz_all(*limits, seed, arguments[2:])
+    found = fuzz_all(limits[0], limits[1], seed, arguments[2:])
     cases = sum(count for count, _ in found.values())
     bad = sum(sum(failures.values()) for _, failures in found.values())
     print(f"{cases} cases of {len(found)} readers, {bad} failures")  # noqa: T201

@@ -17,7 +17,7 @@ from swardmap.io.sources.folder import write_folder
 from swardmap.labels import GRASS_OBSTACLE_PERSON, MapClass
 from swardmap.monitor.diagnostics import frame_stats
 from swardmap.monitor.watchdog import Watchdog
-from swardmap.runs.frame_check import FrameCheck, faults_of_records, looks_of
+from swardmap.runs.frame_check import FrameCheck, faults_of_records, looks_of, step_of
 from swardmap.runs.recording import MapRun, map_recording
 from swardmap.runs.summary import report_lines
 from swardmap.synth.analytic import AnalyticSource, garden_scene, lane_poses
@@ -95,7 +95,12 @@ def test_a_frame_that_the_node_refuses_is_named_and_frees_nothing(
     fit = [node.observe_frame("camera", frame_stats(f, f.stamp_ns, mount)) for f in source.frames]
     check = FrameCheck(TRUTH.watchdog)
     assert [check.is_fit(f) for f in source.frames] == fit, "as the node says"
-    looks = [looks_of(f, f.T_map_camera, TRUTH.watchdog) for f in source.frames]
+    looks, before = [], None
+    for frame in source.frames:
+        now = frame_stats(frame, 0)
+        look = looks_of(frame, frame.T_map_camera, TRUTH.watchdog)
+        looks.append(look | {"step": step_of(before, now)})
+        before = now
     assert faults_of_records(looks, TRUTH.watchdog) == {fault: count}
 
 

@@ -117,7 +117,14 @@ class WatchdogConfig(Checked):
     min_depth_share: float = setting(
         0.05, "no depth: fewer pixels than this share have a reading", minimum=0, maximum=1
     )
-    image_s: float = setting(0.3, "so long an image must be black, flipped or without depth", minimum=0)
+    step_ratio: float | None = setting(
+        1.6,
+        "out of step: edges of depth lie so many times as often on another frame's colour; none = never",
+        minimum=1.2,
+    )
+    image_s: float = setting(
+        0.3, "so long an image must be black, flipped, out of step or without depth", minimum=0
+    )
     unfamiliar: float | None = setting(
         1.0,
         "an image this many times as far from what the network knows as its file allows clears nothing; "

@@ -24,7 +24,8 @@ from swardmap.io.maps.margin_file import LARGEST_M
 from swardmap.io.sources.truth import FrameTruth
 from swardmap.labels import LabelSet
 from swardmap.models import build_segmenter
-from swardmap.runs.frame_check import looks_of
+from swardmap.monitor.diagnostics import FrameStats, frame_stats
+from swardmap.runs.frame_check import looks_of, step_of
 from swardmap.runs.versions import segmenter_title
 from swardmap.segmenter import Segmenter
 from swardmap.types import Frame, Segmentation
@@ -143,12 +144,19 @@ def evaluate_part(plan: Plan, start: int, stop: int) -> str:
 
 def records(plan: Plan, start: int, stop: int) -> Iterator[dict[str, Any]]:
     """Evaluate the frames start..stop-1, each index once."""
+    before: FrameStats | None = None
     for numbered in read_frames(plan.dataset, start, stop):
         if numbered.frame is None:
+            before = None
             yield {"index": numbered.index, "error": numbered.error}
             continue
+        frame = numbered.frame
+        stats = frame_stats(frame, 0)
+        step, before = step_of(before, stats), stats
         try:
-            yield evaluate_frame(plan, numbered, segmenter_of(plan, numbered.frame.label_set))
+            record = evaluate_frame(plan, numbered, segmenter_of(plan, frame.label_set))
+            record["looks"]["step"] = step
+            yield record
         except SwardmapError as error:
             yield {
                 "index": numbered.index,

@@ -5,6 +5,7 @@ from collections.abc import Iterable
 
 from swardmap.config import WatchdogConfig
 from swardmap.monitor.diagnostics import Fault, FrameStats, in_ns
+from swardmap.monitor.step_watch import StepWatch, step_counts
 
 NS = 1_000_000_000
 MAX_ARRIVALS = 16384
@@ -26,6 +27,7 @@ class CameraMonitor:
         self._active_since_ns: int | None = None
         self._since_ns: dict[Fault, int] = {}  # arrival at which a bad image was first seen
         self._jumped_ns: dict[Fault, int] = {}
+        self._step = StepWatch(config.step_ratio)
 
     def observe(self, stats: FrameStats) -> bool:
         """Take one frame; returns whether it may go into the map."""
@@ -36,7 +38,8 @@ class CameraMonitor:
                 self._jumped_ns[Fault.JUMPED_BACK], fit = stats.arrival_ns, False
             elif ahead_ns > in_ns(self._config.jump_s):
                 self._jumped_ns[Fault.JUMPED_AHEAD], fit = stats.arrival_ns, False
-        for fault, bad in image_faults(stats, last, self._config).items():
+        found = image_faults(stats, last, self._config) | {Fault.OUT_OF_STEP: self._out_of_step(stats, last)}
+        for fault, bad in found.items():
             if not bad:
                 self._since_ns.pop(fault, None)
             elif fault == Fault.FROZEN and last is not None:
@@ -61,6 +64,9 @@ class CameraMonitor:
             self._since_ns.setdefault(Fault.UNFAMILIAR, arrival_ns)
         else:
             self._since_ns.pop(Fault.UNFAMILIAR, None)
+
+    def _out_of_step(self, stats: FrameStats, last: FrameStats | None) -> bool:
+        return self._step.add(None if last is None else step_counts(last.edges, stats.edges))
 
     @property
     def _span_s(self) -> float:
@@ -87,6 +93,7 @@ class CameraMonitor:
     def restart(self, now_ns: int) -> None:
         """The clock went back: arrivals so far mean nothing."""
         self._last, self._since_ns, self._jumped_ns = None, {}, {}
+        self._step = StepWatch(self._config.step_ratio)
         self._begin(now_ns)
 
     def rate_hz(self, now_ns: int) -> float:

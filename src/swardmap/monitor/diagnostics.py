@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swardmap.geometry import Intrinsics, Pose
+from swardmap.monitor.step_watch import STEP as EDGE_STEP
+from swardmap.monitor.step_watch import EdgeLook, edge_look
 from swardmap.types import Frame, depth_in_metres
 
 SAMPLE_STEP = 4
@@ -41,6 +43,7 @@ class Fault(StrEnum):
     FLIPPED = "flipped"
     NO_DEPTH = "no depth"
     UNFAMILIAR = "unfamiliar"
+    OUT_OF_STEP = "out of step"
     JUMPED_BACK = "stamp jumped back"
     JUMPED_AHEAD = "stamp jumped ahead"
     LOST_POSE = "lost pose"
@@ -130,6 +133,7 @@ class FrameStats:
         depth_share: pixels with a depth reading, 0..1.
         color_print, depth_print: checksums; equal ones are identical images.
         upside_down: whether the ground lies where it would be in an image turned over; None = not judged.
+        edges: of colour and depth, to tell whether they are of one time; None = not looked for.
     """
 
     stamp_ns: int
@@ -139,6 +143,7 @@ class FrameStats:
     color_print: int
     depth_print: int
     upside_down: bool | None = None
+    edges: EdgeLook | None = None
 
 
 def in_ns(seconds: float) -> int:
@@ -147,16 +152,17 @@ def in_ns(seconds: float) -> int:
 
 
 def frame_stats(frame: Frame, arrival_ns: int, T_base_camera: Pose | None = None) -> FrameStats:
-    """Statistics of a frame, from every 4th row and column.
+    """Statistics of a frame, from every 4th row and column; its edges from every 2nd.
 
     Args:
         frame: colour and depth.
         arrival_ns: when it came.
         T_base_camera: mount, z = 0 the ground; without it nobody can tell whether the image is flipped.
     """
-    step = SAMPLE_STEP
+    step, finer = SAMPLE_STEP, EDGE_STEP
     rgb, raw = frame.rgb[::step, ::step], frame.depth[::step, ::step]
-    depth_m = depth_in_metres(raw, frame.depth_unit_m)
+    finer_m = depth_in_metres(frame.depth[::finer, ::finer], frame.depth_unit_m)
+    depth_m = finer_m[:: step // finer, :: step // finer]
     flipped = (
         None if T_base_camera is None else is_upside_down(depth_m, frame.intrinsics, T_base_camera, step)
     )
@@ -168,6 +174,7 @@ def frame_stats(frame: Frame, arrival_ns: int, T_base_camera: Pose | None = None
         zlib.crc32(rgb.tobytes()),
         zlib.crc32(raw.tobytes()),
         flipped,
+        edge_look(frame.rgb[::finer, ::finer], finer_m),
     )
 
 

@@ -6,7 +6,7 @@ What needs a clock (stopped, stale, slow) cannot be told of a file.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
 from typing import Any
 
 from swardmap.config import WatchdogConfig
@@ -14,6 +14,7 @@ from swardmap.errors import InputError
 from swardmap.geometry import Pose
 from swardmap.monitor.camera_monitor import image_faults
 from swardmap.monitor.diagnostics import Fault, FrameStats, frame_stats
+from swardmap.monitor.step_watch import StepCounts, StepWatch, step_counts
 from swardmap.types import Frame, Segmentation
 
 CAMERA_HEIGHTS_M = (0.05, 5.0)
@@ -38,6 +39,10 @@ class FrameCheck:
     first: dict[str, str] = field(default_factory=dict)
     refused: int = 0
     _last: FrameStats | None = None
+    _step: StepWatch = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._step = StepWatch(self.config.step_ratio)
 
     def is_fit(self, frame: Frame, T_base_camera: Pose | None = None) -> bool:
         """Whether a frame may go into the map; it is counted where not.
@@ -51,6 +56,9 @@ class FrameCheck:
         """
         stats = frame_stats(frame, frame.stamp_ns, T_base_camera or _over_ground(frame.T_map_camera))
         found = [fault for fault, bad in image_faults(stats, self._last, self.config).items() if bad]
+        counts = None if self._last is None else step_counts(self._last.edges, stats.edges)
+        if self._step.add(counts):
+            found.append(Fault.OUT_OF_STEP)
         self._last = stats
         self.refused += bool(found)
         self._count(found, frame)
@@ -96,6 +104,12 @@ def looks_of(
     return {"faults": alone, "prints": [stats.color_print, stats.depth_print]}
 
 
+def step_of(before: FrameStats | None, now: FrameStats) -> list[int] | None:
+    """Counts of two frames in turn, as a record keeps them under `looks`, beside what `looks_of` gives."""
+    counts = None if before is None else step_counts(before.edges, now.edges)
+    return None if counts is None else list(astuple(counts))
+
+
 def faults_of_records(looks: Iterable[Mapping[str, Any] | None], config: WatchdogConfig) -> dict[str, int]:
     """How many frames had each fault, of what `looks_of` kept of them in order; None = a frame without."""
     counts: dict[str, int] = {}
@@ -110,12 +124,18 @@ def faults_in_order(
 ) -> Iterator[tuple[int, tuple[str, ...]]]:
     """Place and faults of each frame that has any; see `faults_of_records`."""
     last: Mapping[str, Any] | None = None
+    watch = StepWatch(config.step_ratio)
     for place, look in enumerate(looks):
         if look is not None:
-            faults = (*look["faults"], *_frozen(look, last, config))
+            faults = (*look["faults"], *_frozen(look, last, config), *_out_of_step(look, watch))
             if faults:
                 yield place, faults
         last = look
+
+
+def _out_of_step(look: Mapping[str, Any], watch: StepWatch) -> tuple[str, ...]:
+    counts = look.get("step")
+    return (str(Fault.OUT_OF_STEP),) if watch.add(None if counts is None else StepCounts(*counts)) else ()
 
 
 def _frozen(
