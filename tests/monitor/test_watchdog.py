@@ -55,6 +55,7 @@ def stream(seconds: float, seed: int = 0, hz: float = RATE_HZ) -> list[Message]:
         arrival_ns = max(arrival_ns + 1, stamp_ns + round((LATENCY_S + rng.exponential(0.02)) * S))
         base = looks(i % len(garden()))
         stats = replace(base, color_print=base.color_print + i, depth_print=base.depth_print + i)
+        stats = replace(stats, position_m=None)  # the lane begins anew at its end
         messages.append((arrival_ns, replace(stats, stamp_ns=stamp_ns, arrival_ns=arrival_ns)))
     return messages
 
@@ -393,3 +394,30 @@ def test_when_a_camera_stops_the_map_turns_unknown_and_obstacles_stay() -> None:
         assert given_out.count(MapClass.GRASS) == share_free * live.count(MapClass.GRASS)
         np.testing.assert_array_equal(given_out.is_obstacle, live.is_obstacle)
     assert report.stop
+
+
+def test_a_pose_that_jumps_is_named_and_its_frame_is_left_out() -> None:
+    messages = stream(6.0)
+    still = [(t, replace(m, position_m=(0.1 * i, 0.0, 0.5))) for i, (t, m) in enumerate(messages)]
+    gone = [
+        (t, replace(m, position_m=(0.1 * i + 2.0 * (i >= 40), 0, 0))) for i, (t, m) in enumerate(messages)
+    ]
+    dog = Watchdog(["left"])
+    assert all(dog.observe_frame("left", m) for _, m in still)
+    dog = Watchdog(["left"])
+    fit = [dog.observe_frame("left", m) for _, m in gone]
+    assert [i for i, ok in enumerate(fit) if not ok] == [40]
+    off = Watchdog(["left"], WatchdogConfig(pose_speed_mps=None))
+    assert all(off.observe_frame("left", m) for _, m in gone)
+
+
+def test_a_pose_that_jumped_is_told_for_a_second() -> None:
+    dog, base = Watchdog(["left"]), looks(0)
+    for i in range(30):
+        at = replace(
+            base, stamp_ns=(i + 1) * S // 15, arrival_ns=(i + 1) * S // 15, color_print=i, depth_print=i
+        )
+        dog.observe_frame("left", replace(at, position_m=(0.1 * i + 2.0 * (i == 29), 0.0, 0.5)))
+        report = dog.check(at.arrival_ns)
+    assert Fault.JUMPED_POSE in report.faults("left")
+    assert Fault.JUMPED_POSE not in dog.check(report.stamp_ns + 2 * S).faults("left")

@@ -12,7 +12,7 @@ import pytest
 
 from swardmap.config import Config, config_from_dict
 from swardmap.errors import ConfigError, InputError
-from swardmap.geometry import Pose
+from swardmap.geometry import R_BODY_OPTICAL, Pose
 from swardmap.io.bags.ros_fields import odometry_fields
 from swardmap.io.bags.topics import ImageTopic
 from swardmap.io.maps.log_odds_files import write_living
@@ -68,7 +68,7 @@ class Robot:
     def work(self) -> None:
         while (mapped := self.pipeline.process(0)) is not None or len(self.pipeline.intake.queue):
             if mapped is not None:
-                self.pipeline.mapped(mapped.pair, self.now_ns)
+                self.pipeline.mapped(mapped, self.now_ns)
                 self.frames.append(mapped.step.frame)
         self.reports.append(self.pipeline.check(self.now_ns))
 
@@ -185,6 +185,50 @@ def test_the_frames_that_do_not_meet_are_named() -> None:
     assert isinstance(error, str)
     assert "in 'map'" in error
     assert "base_link, camera_optical_frame, odom" in error
+
+
+def body_framed(settings: dict[str, Any]) -> Robot:
+    """A robot whose images are of a frame with the axes of a body; tf says where that sits."""
+    rig = drive.rig_of(ONE)
+    robot = Robot(pipeline_of(parameters({"source": settings}), rig), rig)
+    T_base_optical = rig.T_base_camera("camera")
+    turn = np.eye(4)
+    turn[:3, :3] = R_BODY_OPTICAL.T
+    T_base_body = Pose(drive.BASE, drive.optical("camera"), T_base_optical.matrix @ turn)
+    robot.pipeline.on_tf(drive.transforms([T_base_body], 0), True, START_NS)
+    for i in range(16):
+        T = Pose("map", drive.BASE, drive.base_at(0.1 * i).matrix)
+        robot.pipeline.on_tf(drive.transforms([T], START_NS + i * PERIOD_NS), False, robot.now_ns)
+        robot.step(i, 0.1 * i, posed=False)
+    return robot
+
+
+def test_a_body_frame_in_place_of_the_lens_is_refused_and_named() -> None:
+    robot = body_framed({})
+    assert robot.frames == []
+    assert "looks up: is it a body frame" in str(robot.pipeline.facts["error"])
+    assert robot.pipeline.skipped["image of a frame that looks up"] == 16
+    told = {d.fault: d for d in robot.reports[-1].diagnoses}
+    assert "source.camera_axes=body" in told[Fault.IMPLAUSIBLE].message
+    assert Fault.IDLE in told
+    assert robot.reports[-1].stop
+
+
+def test_a_body_frame_that_is_said_to_be_one_is_turned() -> None:
+    robot = body_framed({"camera_axes": "body"})
+    assert len(robot.frames) >= 14
+    pose = robot.frames[0].T_map_camera
+    assert pose is not None
+    expected = drive.base_at(0.0) @ robot.rig.T_base_camera("camera")
+    np.testing.assert_allclose(pose.matrix, expected.matrix, atol=1e-9)
+
+
+def test_a_view_whose_readings_are_mostly_lost_is_called_implausible() -> None:
+    robot = one_robot({"cloud": {"max_range_m": 0.5}})
+    robot.run([0.1 * i for i in range(8)])
+    told = {d.fault: d for d in robot.reports[-1].diagnoses}
+    assert "out of range: check cloud.max_range_m" in told[Fault.IMPLAUSIBLE].message
+    assert told[Fault.IMPLAUSIBLE].severity == Severity.WARN
 
 
 def test_a_pose_between_two_is_interpolated_at_the_image_stamp() -> None:

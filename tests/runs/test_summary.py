@@ -85,13 +85,14 @@ def test_what_was_left_out_is_told_with_the_first_of_each_kind() -> None:
 
 
 def test_a_jump_of_the_poses_is_refused_before_it_costs_memory() -> None:
+    unwatched: dict[str, Any] = {"watchdog": {"pose_speed_mps": None}}
     with pytest.raises(
         InputError, match=r"frame .* is 84\d\.\d m from the one before.* \d+ cells, more than 64000000"
     ):
-        summary(Drive({2: (600.0, 600.0, 0.0)}))
-    rolling: dict[str, Any] = {"grid": {"mode": "log_odds"}, "evidence": {"window_m": 10.0}}
+        summary(Drive({2: (600.0, 600.0, 0.0)}), **unwatched)
+    rolling: dict[str, Any] = {"grid": {"mode": "log_odds"}, "evidence": {"window_m": 10.0}} | unwatched
     assert summary(Drive({2: (600.0, 600.0, 0.0)}), **rolling)["frames"] == 4
-    fixed: dict[str, Any] = {"grid": {"origin_m": [-5, -5], "size_m": [10, 10]}}
+    fixed: dict[str, Any] = {"grid": {"origin_m": [-5, -5], "size_m": [10, 10]}} | unwatched
     assert summary(Drive({2: (600.0, 600.0, 0.0)}), **fixed)["frames"] == 4
 
 
@@ -106,6 +107,12 @@ def test_a_voxel_grid_that_leaves_too_few_points_is_said() -> None:
     assert "make it 0.017 m or less" in warning
     found["config"]["cloud"]["voxel_m"] = 0.017
     assert "voxel" not in " ".join(warnings_of(found))
+
+
+def test_a_frame_whose_pose_jumps_away_and_back_is_left_out_and_named() -> None:
+    found = summary(Drive({2: (600.0, 600.0, 0.0)}))
+    assert found["watchdog"]["faults"] == {"pose jumped": 2}, "away, and back"
+    assert found["frames"] == 2
 
 
 def test_warnings_of_nothing() -> None:

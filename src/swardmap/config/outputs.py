@@ -137,6 +137,11 @@ class WatchdogConfig(Checked):
     pose_s: float | None = setting(
         0.5, "no pose for so long is a lost pose; none = poses are not watched", minimum=0.01
     )
+    pose_speed_mps: float | None = setting(
+        8.0,
+        "a camera that went faster than this, and over 0.5 m, between two images; none = never",
+        minimum=0.1,
+    )
     queue_s: float = setting(1.0, "a queue that was full for so long", minimum=0)
     forget_s: float = setting(
         2.0, "while something demands a stop: free cells not seen for so long turn unknown", minimum=0

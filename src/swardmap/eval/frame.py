@@ -143,9 +143,12 @@ def evaluate_part(plan: Plan, start: int, stop: int) -> str:
 
 
 def records(plan: Plan, start: int, stop: int) -> Iterator[dict[str, Any]]:
-    """Evaluate the frames start..stop-1, each index once."""
+    """Evaluate the frames start..stop-1, each index once; the one before them is looked at."""
     before: FrameStats | None = None
-    for numbered in read_frames(plan.dataset, start, stop):
+    for numbered in read_frames(plan.dataset, max(0, start - 1), stop):
+        if numbered.index < start:
+            before = None if numbered.frame is None else frame_stats(numbered.frame, 0)
+            continue
         if numbered.frame is None:
             before = None
             yield {"index": numbered.index, "error": numbered.error}

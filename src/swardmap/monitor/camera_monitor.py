@@ -1,5 +1,6 @@
 """Watches one camera: its stamps, its rate, and the little that is known of its images."""
 
+import math
 from collections import deque
 from collections.abc import Iterable
 
@@ -9,6 +10,8 @@ from swardmap.monitor.step_watch import StepWatch, step_counts
 
 NS = 1_000_000_000
 MAX_ARRIVALS = 16384
+POSE_SLACK_M = 0.5
+"""A pose that is corrected by less has not jumped, however short the time."""
 
 
 class CameraMonitor:
@@ -40,7 +43,9 @@ class CameraMonitor:
                 self._jumped_ns[Fault.JUMPED_AHEAD], fit = stats.arrival_ns, False
         found = image_faults(stats, last, self._config) | {Fault.OUT_OF_STEP: self._out_of_step(stats, last)}
         for fault, bad in found.items():
-            if not bad:
+            if fault == Fault.JUMPED_POSE:  # over with the next image, and told for a while
+                self._jumped_ns |= {fault: stats.arrival_ns} if bad else {}
+            elif not bad:
                 self._since_ns.pop(fault, None)
             elif fault == Fault.FROZEN and last is not None:
                 self._since_ns.setdefault(fault, last.arrival_ns)
@@ -169,4 +174,14 @@ def image_faults(stats: FrameStats, last: FrameStats | None, config: WatchdogCon
         Fault.NO_DEPTH: blind,
         Fault.FLIPPED: stats.upside_down is True,
         Fault.FROZEN: same and config.frozen_s is not None,
+        Fault.JUMPED_POSE: last is not None and _pose_jumped(stats, last, config.pose_speed_mps),
     }
+
+
+def _pose_jumped(stats: FrameStats, last: FrameStats, speed_mps: float | None) -> bool:
+    """Whether the camera went farther between two images than a robot can; without stamps it did not."""
+    a, b, passed_ns = last.position_m, stats.position_m, stats.stamp_ns - last.stamp_ns
+    if speed_mps is None or a is None or b is None or passed_ns <= 0:
+        return False
+    away_m = math.dist(a, b)
+    return away_m > POSE_SLACK_M and away_m > speed_mps * passed_ns / NS

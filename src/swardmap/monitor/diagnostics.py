@@ -50,9 +50,11 @@ class Fault(StrEnum):
     FULL_QUEUE = "full queue"
     BLIND = "blind"
     IDLE = "idle"
+    IMPLAUSIBLE = "implausible view"
+    JUMPED_POSE = "pose jumped"
 
 
-WARNINGS = frozenset({Fault.SLOW, Fault.FALLING_RATE, Fault.FULL_QUEUE, Fault.BLIND})
+WARNINGS = frozenset({Fault.SLOW, Fault.FALLING_RATE, Fault.FULL_QUEUE, Fault.BLIND, Fault.IMPLAUSIBLE})
 """Faults that leave the map right, if late or with nothing new in it; every other one demands a stop."""
 
 
@@ -134,6 +136,7 @@ class FrameStats:
         color_print, depth_print: checksums; equal ones are identical images.
         upside_down: whether the ground lies where it would be in an image turned over; None = not judged.
         edges: of colour and depth, to tell whether they are of one time; None = not looked for.
+        position_m: of the camera in the map; None = not known.
     """
 
     stamp_ns: int
@@ -144,6 +147,7 @@ class FrameStats:
     depth_print: int
     upside_down: bool | None = None
     edges: EdgeLook | None = None
+    position_m: tuple[float, float, float] | None = None
 
 
 def in_ns(seconds: float) -> int:
@@ -166,6 +170,7 @@ def frame_stats(frame: Frame, arrival_ns: int, T_base_camera: Pose | None = None
     flipped = (
         None if T_base_camera is None else is_upside_down(depth_m, frame.intrinsics, T_base_camera, step)
     )
+    x, y, z = (0.0,) * 3 if frame.T_map_camera is None else frame.T_map_camera.position_m.tolist()
     return FrameStats(
         frame.stamp_ns,
         arrival_ns,
@@ -175,6 +180,7 @@ def frame_stats(frame: Frame, arrival_ns: int, T_base_camera: Pose | None = None
         zlib.crc32(raw.tobytes()),
         flipped,
         edge_look(frame.rgb[::finer, ::finer], finer_m),
+        None if frame.T_map_camera is None else (x, y, z),
     )
 
 

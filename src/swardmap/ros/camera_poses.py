@@ -5,6 +5,7 @@ from typing import Any
 
 from swardmap.errors import ConfigError
 from swardmap.geometry import Pose
+from swardmap.io.bags.poses import optical_between, optical_by_axes
 from swardmap.io.bags.tf_edge import ALWAYS_NS
 from swardmap.pipeline import configured_mount
 from swardmap.rig.rig import Rig
@@ -40,7 +41,7 @@ class CameraPoses:
         self.posed = source != "none"
         self.from_odometry = source == "odometry" or (source == "auto" and topic is not None)
         self.mounts = {name: mount if rig is None else rig.T_base_camera(name) for name in cameras}
-        self.live = LivePoses(config.source)
+        self.live, self._axes = LivePoses(config.source), config.source.camera_axes
         self._base_frame = BASE_FRAME if rig is None else rig.base_frame
 
     def add_tf(self, message: Any, static: bool) -> None:
@@ -56,9 +57,16 @@ class CameraPoses:
         Args:
             pair: images of one camera.
             overdue: nothing more will be waited for: by tf the camera may be put where its mount says.
+
+        Raises:
+            InputError: if the camera's frame looks up, as one with the axes of a body does.
         """
         if not self.posed:
             return None
+        pose = self._of_frame(pair, overdue)
+        return None if pose is None else optical_by_axes(pose, self._axes, pair.color_frame)
+
+    def _of_frame(self, pair: CameraPair, overdue: bool) -> Pose | None:
         pose = self.live.lookup(pair.color_frame, pair.stamp_ns)
         mount = self.mounts[pair.camera]
         if pose is not None or mount is None or self.live.knows(pair.color_frame):
@@ -72,7 +80,8 @@ class CameraPoses:
 
     def view_of(self, pair: CameraPair) -> Pose | None:
         """T_color_depth of a pair; None if tf does not tell."""
-        return self.live.between(pair.color_frame, pair.depth_frame)
+        view = self.live.between(pair.color_frame, pair.depth_frame)
+        return view if view is None or self._axes != "body" else optical_between(view)
 
     def newest_ns(self, frames: Collection[str], now_ns: int) -> int | None:
         """Stamp of the newest pose of the frame that is worst off; None if there is none of any."""

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from swardmap.errors import SwardmapError
+from swardmap.errors import InputError, SwardmapError, one_line
 from swardmap.geometry import Pose
 from swardmap.io.bags.ros_messages import pose_from_odometry, stamp_ns
 from swardmap.io.sources.pairing import COLOR
@@ -33,6 +33,7 @@ CLOCK_BACK_NS = 1_000_000_000
 """A camera whose stamps go back further has a new clock: a recording begins anew, a simulation was reset."""
 
 REASON_POSE = "no pose of the camera at the time of the image"
+REASON_AXES = "image of a frame that looks up"
 REASON_VIEW = "no transform between colour and depth camera"
 REASON_DAMAGED = "image that cannot be used"
 REASON_WAITING = "image that waited for its pose when too many did"
@@ -63,6 +64,7 @@ class Intake:
     Attributes:
         paused: images are left out.
         last_error: what was wrong last.
+        body_frame: why the camera's frame cannot be that of a lens; empty if it can.
         first_image_ns: when the first image came, or None.
         queue: of frames for the worker.
 
@@ -88,6 +90,7 @@ class Intake:
         self.active = None if rig is None else ActiveCameras(rig)
         self.queue = FrameQueue[Job](parameters.node.queue_frames)
         self.paused, self.last_error = False, ""
+        self.body_frame = self._looks_up = ""
         self.first_image_ns: int | None = None
         self._on_new_clock, self._on_refused_stamp = on_new_clock, on_refused_stamp
         self._skipped: Counter[str] = Counter()
@@ -160,14 +163,26 @@ class Intake:
             if pair.camera not in self.active_names:
                 self._skipped[REASON_TURNED] += 1
                 continue
-            T_map_camera = self.poses.of_pair(pair, overdue)
-            if T_map_camera is None and self.poses.posed:
+            T_map_camera = self._pose_of(pair, overdue)
+            if T_map_camera is None and self.poses.posed and not self._looks_up:
                 if not overdue:
                     self._waiting.append(pair)
                     continue
                 self._skipped[REASON_POSE] += 1
                 self.last_error = self.poses.live.missing(pair.color_frame)
+            elif self._looks_up:
+                self._skipped[REASON_AXES] += 1
+                self.last_error = self._looks_up
             self._hand_over(pair, T_map_camera)
+
+    def _pose_of(self, pair: CameraPair, overdue: bool) -> Pose | None:
+        """The pose of a pair; none, and why, if its frame cannot be that of a lens."""
+        self._looks_up = ""
+        try:
+            return self.poses.of_pair(pair, overdue)
+        except InputError as error:
+            self._looks_up = self.body_frame = one_line(error)
+            return None
 
     def newest_pose_ns(self, now_ns: int) -> int | None:
         """Stamp of the newest pose of the active camera that is worst off; None if there is none of any."""

@@ -5,7 +5,7 @@
 
 from collections import Counter, deque
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 
 from swardmap.config import Config
@@ -17,6 +17,7 @@ from swardmap.mapping.costmap import Layer, check_frames
 from swardmap.mapping.log_odds_map import LogOddsMap
 from swardmap.monitor.change_log import ChangeLog
 from swardmap.monitor.diagnostics import Diagnosis, Fault, HealthReport, Severity
+from swardmap.perception.observation import PixelCounts
 from swardmap.pipeline import StepResult
 from swardmap.rig.rig import Rig
 from swardmap.ros.given_map import GivenMap
@@ -25,7 +26,11 @@ from swardmap.ros.intake import Intake
 from swardmap.ros.load import Load
 from swardmap.ros.parameters import Parameters
 from swardmap.ros.watched_mapper import WatchedMapper
+from swardmap.runs.summary import pixel_warnings
 from swardmap.segmenter import Segmenter
+
+JUDGED_FRAMES = 5
+"""Frames over which most readings must be lost before the view counts as implausible."""
 
 EVENTS = 100
 """Lines for the log that wait for it at most."""
@@ -68,6 +73,7 @@ class LivePipeline:
         self.robot: tuple[int, Pose] | None = None
         self.events: deque[tuple[Severity, str]] = deque(maxlen=EVENTS)
         self.given = GivenMap(lambda *event: self.events.append(event))
+        self._pixels: deque[PixelCounts] = deque(maxlen=JUDGED_FRAMES)
         self.load, self.stages = Load(), self.mapper.stages
         self.first_map_s: float | None = None
         self._mapped_ns: int | None = None
@@ -129,14 +135,15 @@ class LivePipeline:
             return None
         return None if step is None else Mapped(pair, step)
 
-    def mapped(self, pair: CameraPair, now_ns: int) -> None:
+    def mapped(self, mapped: Mapped, now_ns: int) -> None:
         """Say that a pair of images is in the map now (the worker)."""
         first_ns = self.intake.first_image_ns
         if self.first_map_s is None and first_ns is not None:
             self.first_map_s = max(0, now_ns - first_ns) / 1e9
             self.events.append((Severity.OK, f"first map: {self.first_map_s:.2f} s after the first image"))
-        self._mapped_ns = now_ns
-        self.mapper.observe_mapped(pair.stamp_ns, now_ns)
+        self._mapped_ns, self.intake.body_frame = now_ns, ""
+        self._pixels.append(mapped.step.counts)
+        self.mapper.observe_mapped(mapped.pair.stamp_ns, now_ns)
 
     def check(self, now_ns: int) -> HealthReport:
         """Say what is wrong now; call it about ten times a second."""
@@ -222,6 +229,12 @@ class LivePipeline:
             yield Diagnosis.named(MAP, Fault.IDLE, f"paused; nothing was mapped for {idle_s:.2f} s")
         elif idle_s > config.stopped_s + config.stale_s:
             yield Diagnosis.named(MAP, Fault.IDLE, f"nothing was mapped for {idle_s:.2f} s")
+        if self.intake.body_frame:
+            yield Diagnosis.named(MAP, Fault.IMPLAUSIBLE, self.intake.body_frame)
+        pixels = tuple(self._pixels)  # the worker appends
+        if len(pixels) == JUDGED_FRAMES:
+            for warning in pixel_warnings(asdict(sum(pixels[1:], pixels[0]))):
+                yield Diagnosis.named(MAP, Fault.IMPLAUSIBLE, warning)
         active = self.intake.active
         if active is not None and active.blind:
             text = f"travels {active.selector.direction}, where no camera looks"

@@ -229,7 +229,7 @@ class RobotNode:
         while pipeline is not None and outputs is not None and self._active.is_set():
             mapped = pipeline.process(WORKER_WAITS_S)
             if mapped is not None:
-                pipeline.mapped(mapped.pair, self._now_ns())
+                pipeline.mapped(mapped, self._now_ns())
                 node = pipeline.parameters.node
                 with pipeline.stages.measured("publish"):
                     outputs.publish_frame(

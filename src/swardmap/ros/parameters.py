@@ -17,7 +17,7 @@ from swardmap.errors import ConfigError
 
 LEFT_OUT = frozenset(
     {"output", "camera", "source.format", "source.start", "source.stop", "source.every",
-     "source.label_table", "source.level", "source.tf_topic", "source.poses", "source.camera_axes",
+     "source.label_table", "source.level", "source.tf_topic", "source.poses",
      "source.depth_aligned", "source.T_color_depth"}
 )  # fmt: skip
 """Sections and settings of the configuration that mean nothing to a node: those of recordings and files."""

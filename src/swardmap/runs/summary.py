@@ -145,15 +145,7 @@ def map_facts(grid: OccupancyGrid) -> dict[str, Any]:
 
 def warnings_of(summary: Mapping[str, Any]) -> list[str]:
     """One line for each thing that makes a map poor without being an error."""
-    found: list[str] = []
-    pixels = summary["pixels"]
-    readings = pixels.get("pixels", 0) - pixels.get("no_reading", 0)
-    for name, setting in (("out_of_height", "cloud.max_height_m"), ("out_of_range", "cloud.max_range_m")):
-        if readings and pixels[name] > MOST * readings:
-            found.append(
-                f"{100 * pixels[name] / readings:.0f} % of the readings are {name.replace('_', ' ')}: check "
-                f"{setting}, the depth unit, and the pose of the camera"
-            )
+    found = pixel_warnings(summary["pixels"])
     found += _thinned(summary["config"])
     refused = summary["watchdog"]["refused"]
     if refused > MOST * (refused + summary["frames"]):
@@ -200,6 +192,23 @@ def _thinned(config: Mapping[str, Any]) -> list[str]:
         f"are needed to clear it: make it {enough_m:.2g} m or less, or lower grid.min_grass_points"
     )
     return [text]
+
+
+def pixel_warnings(pixels: Mapping[str, int]) -> list[str]:
+    """One line for each limit that most of the readings lie beyond.
+
+    Args:
+        pixels: what became of them, by the names of `PixelCounts`; empty = none.
+    """
+    found: list[str] = []
+    readings = pixels.get("pixels", 0) - pixels.get("no_reading", 0)
+    for name, setting in (("out_of_height", "cloud.max_height_m"), ("out_of_range", "cloud.max_range_m")):
+        if readings and pixels[name] > MOST * readings:
+            found.append(
+                f"{100 * pixels[name] / readings:.0f} % of the readings are {name.replace('_', ' ')}: check "
+                f"{setting}, the depth unit, and the pose of the camera"
+            )
+    return found
 
 
 def _camera_frame(source: Mapping[str, Any]) -> str:

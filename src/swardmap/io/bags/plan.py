@@ -1,15 +1,14 @@
 """What a recording holds, and how its frames are made: decided once, when it is opened."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from swardmap.config import SourceConfig
 from swardmap.errors import InputError
-from swardmap.geometry import R_BODY_OPTICAL, Intrinsics, Pose
+from swardmap.geometry import Intrinsics, Pose
 from swardmap.io.bags import realsense_recording
-from swardmap.io.bags.poses import PosePlan, camera_tf, latest_between, plan_poses
+from swardmap.io.bags.poses import PosePlan, camera_tf, latest_between, optical_between, plan_poses
 from swardmap.io.bags.reader import Bag
 from swardmap.io.bags.recorded_labels import LabelTopic, find_labels
 from swardmap.io.bags.ros_camera import Calibration, calibration_from_camera_info
@@ -158,20 +157,13 @@ def _color_from_depth(
             "topic (realsense-ros: align_depth.enable:=true; else depth_image_proc register); else set "
             "source.depth_aligned=true if it is aligned, or source.T_color_depth=[x, y, z, qx, qy, qz, qw]."
         )
-    T = _optical(T) if config.camera_axes == "body" else T
+    T = optical_between(T) if config.camera_axes == "body" else T
     if depth.aligned and config.depth_aligned is None and not np.allclose(T.matrix, np.eye(4), atol=1e-6):
         raise InputError(
             f"{where}, which tf puts elsewhere, but its name says it is aligned. Say whether it is in the "
             "pixels of the colour image with --set source.depth_aligned=true or false."
         )
     return T
-
-
-def _optical(T_body_body: Pose) -> Pose:
-    """A pose between frames with the axes of a body, between the optical frames of the same cameras."""
-    turn: Any = np.eye(4)
-    turn[:3, :3] = R_BODY_OPTICAL
-    return Pose(T_body_body.parent, T_body_body.child, turn.T @ T_body_body.matrix @ turn)
 
 
 def _same_pixels(a: Intrinsics, b: Intrinsics) -> bool:

@@ -4,6 +4,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from swardmap.config import SourceConfig
 from swardmap.errors import InputError
 from swardmap.geometry import R_BODY_OPTICAL, Pose
@@ -53,16 +55,37 @@ class PosePlan:
         Raises:
             InputError: if the camera's frame looks up, as one with the axes of a body does.
         """
-        if self.axes == "body":
-            return optical_of_body(T_map_camera)
-        if self.axes == "auto" and T_map_camera.matrix[2, 2] > LOOKS_UP:
-            raise InputError(
-                f"the camera's frame '{self.camera_frame}' looks up: is it a body frame (x forward) in place "
-                "of an optical one (z forward, REP-103)? Name the optical frame with --set "
-                "source.camera_frame=..., or, if tf has none, say --set source.camera_axes=body (optical: it "
-                "does look up)"
-            )
-        return T_map_camera
+        return optical_by_axes(T_map_camera, self.axes, self.camera_frame)
+
+
+def optical_by_axes(T_map_camera: Pose, axes: str, camera_frame: str) -> Pose:
+    """The pose of the optical frame (z forward) of a camera whose own frame has these axes.
+
+    Args:
+        T_map_camera: of the frame that the images are said to be of.
+        axes: `optical`, `body` (x forward), or `auto`: optical, unless it looks up.
+        camera_frame: for the message.
+
+    Raises:
+        InputError: if the frame looks up, as one with the axes of a body does, and nobody said its axes.
+    """
+    if axes == "body":
+        return optical_of_body(T_map_camera)
+    if axes == "auto" and T_map_camera.matrix[2, 2] > LOOKS_UP:
+        raise InputError(
+            f"the camera's frame '{camera_frame}' looks up: is it a body frame (x forward) in place "
+            "of an optical one (z forward, REP-103)? Name the optical frame with --set "
+            "source.camera_frame=..., or, if tf has none, say --set source.camera_axes=body (optical: it "
+            "does look up)"
+        )
+    return T_map_camera
+
+
+def optical_between(T_body_body: Pose) -> Pose:
+    """A pose between frames with the axes of a body, between the optical frames of the same cameras."""
+    turn: Any = np.eye(4)
+    turn[:3, :3] = R_BODY_OPTICAL
+    return Pose(T_body_body.parent, T_body_body.child, turn.T @ T_body_body.matrix @ turn)
 
 
 def optical_of_body(T_parent_body: Pose) -> Pose:
