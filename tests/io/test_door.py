@@ -172,6 +172,16 @@ def test_arrays_that_are_none_are_one_line(content: bytes, tmp_path: Path) -> No
 
 
 @pytest.mark.timeout(20)
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_text_of_letters_that_are_none_is_refused(order: str) -> None:
+    good = io.BytesIO()
+    np.save(good, np.array("free_limit").astype(f"{order}U10"))
+    assert str(parse_npy(good.getvalue(), "x.npy")) == "free_limit"
+    bad = good.getvalue()[:-40] + b"\xff" * 40
+    with pytest.raises(InputError, match=r"x\.npy: .*letters that are none"):
+        parse_npy(bad, "x.npy")
+
+
 def test_an_archive_that_unpacks_to_gigabytes_is_refused_unread() -> None:
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("a.npy", "w") as member:

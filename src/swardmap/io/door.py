@@ -31,6 +31,7 @@ MAX_JSON_BYTES = 2**28
 MAX_UNPACKED_BYTES = 2**30
 """Of all members of an archive together."""
 MAX_HEADER_BYTES = 10_000
+LAST_LETTER = 0x10FFFF
 
 
 @contextmanager
@@ -228,6 +229,8 @@ def parse_npy(content: bytes, name: str | Path) -> NDArray[Any]:
         if count < 0 or count * dtype.itemsize > there:
             raise ValueError(f"{there} bytes where {shortened(count)} values of {dtype} are announced")
         flat = np.frombuffer(content, dtype, count, stream.tell())
+        if dtype.kind == "U" and flat.view(f"{dtype.str[0]}u4").max(initial=0) > LAST_LETTER:
+            raise ValueError("text with letters that are none")  # Python's own strings would break on them
         return flat.reshape(shape[::-1]).T.copy() if fortran else flat.reshape(shape).copy()
 
 

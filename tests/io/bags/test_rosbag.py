@@ -1,6 +1,7 @@
 """Frames out of bags that the test writes, in every format, compared to what was put in."""
 
 import os
+import re
 import tracemalloc
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -370,15 +371,15 @@ def test_messages_that_nobody_knows_do_no_harm(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("compression", ["NONE", "LZ4", "ZSTD"])
-@pytest.mark.parametrize("chunks", [True, False])
-def test_files_of_another_mcap_writer(tmp_path: Path, compression: str, chunks: bool) -> None:
+@pytest.mark.parametrize(("chunks", "profile"), [(True, "ros2"), (False, "ros2"), (True, "")])
+def test_files_of_another_mcap_writer(tmp_path: Path, compression: str, chunks: bool, profile: str) -> None:
     writer_module = pytest.importorskip("mcap.writer", reason="writes with the reference library")
     store = bags.typestore("mcap")
     file = tmp_path / "other.mcap"
     with file.open("wb") as stream:
         kind = getattr(writer_module.CompressionType, compression)
         writer = writer_module.Writer(stream, chunk_size=4096, compression=kind, use_chunking=chunks)
-        writer.start(profile="ros2", library="test")
+        writer.start(profile=profile, library="test")
         channels: dict[str, int] = {}
         for t, topic, name, fields in in_order(images(3), transforms(200)):
             if topic not in channels:  # short type names, and definitions that cannot be parsed
@@ -392,6 +393,52 @@ def test_files_of_another_mcap_writer(tmp_path: Path, compression: str, chunks: 
         np.testing.assert_array_equal(frame.rgb, rgb_of(i))
         np.testing.assert_array_equal(frame.depth, depth_of(i))
     assert len(frames) == 3
+
+
+def by_another_clock(events: list[Event], which: str, shift_ns: int) -> Iterator[Event]:
+    """The same with other times in the headers of the topics that have a word in their names."""
+    for time_ns, topic, name, fields in events:
+        if which in topic and topic != "/tf_static" and isinstance(fields, dict):
+            headers = [fields, *fields.get("transforms", [])]
+            for header in (part["header"] for part in headers if "header" in part):
+                stamp = header["stamp"]
+                stamp["sec"], stamp["nanosec"] = divmod(
+                    stamp["sec"] * 10**9 + stamp["nanosec"] + shift_ns, 10**9
+                )
+        yield time_ns, topic, name, fields
+
+
+@pytest.mark.parametrize("shift_s", [-1_600_000_000, 3600])
+def test_cameras_with_two_clocks_are_told_with_both_spans_and_what_to_do(
+    tmp_path: Path, shift_s: int
+) -> None:
+    events = in_order(images(70), transforms(2600))
+    bag = bags.write_bag(tmp_path, "mcap", by_another_clock(events, "_depth", shift_s * 10**9))
+    spans = r"colour images are of \d+\.\d+ to \d+\.\d+ s, depth images of \d+\.\d+ to \d+\.\d+ s"
+    with pytest.raises(InputError, match=spans + ": two clocks.*use_sim_time"):
+        read(bag)
+
+
+def test_poses_of_another_clock_are_told_with_both_times_and_what_to_do(tmp_path: Path) -> None:
+    events = in_order(images(8), transforms(400))
+    bag = bags.write_bag(tmp_path, "mcap", by_another_clock(events, "/tf", -1_600_000_000 * 10**9))
+    frames, source = read(bag)
+    assert frames == []
+    first = source.facts["left_out"]["no pose of the camera at the time of the image"]["first"]
+    assert re.search(r"is known from 1\d+\.\d+ to .* s, the image is of 17\d+\.\d+ s: two clocks\?", first)
+
+
+@pytest.mark.parametrize(("profile", "schema"), [("", "protobuf"), ("", "jsonschema"), ("ros1", "ros1msg")])
+def test_an_mcap_file_of_other_messages_is_refused_as_such(tmp_path: Path, profile: str, schema: str) -> None:
+    writer_module = pytest.importorskip("mcap.writer", reason="writes with the reference library")
+    with (tmp_path / "other.mcap").open("wb") as stream:
+        writer = writer_module.Writer(stream)
+        writer.start(profile=profile, library="test")
+        channel = writer.register_channel("/image", schema, writer.register_schema("Image", schema, b"x"))
+        writer.add_message(channel, 1, b"\x00" * 20, 1)
+        writer.finish()
+    with pytest.raises(InputError, match=r"Only (MCAP files with ROS 2|CDR) messages"):
+        read(tmp_path / "other.mcap")
 
 
 def test_a_definition_of_its_own_under_a_standard_name_is_refused(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from swardmap.errors import InputError, SwardmapError
+from swardmap.io.bags.mcap_profile import empty_profile_is_ros2
 from swardmap.io.bags.storage import check_file, message_count, storage_files, unpacked, unpacked_message
 
 TF_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
@@ -22,6 +23,8 @@ _HINTS = {
     "end magic": "The recording was cut off: `mcap recover` writes a whole file from it.",
     "profile is not ros2": "Only MCAP files with ROS 2 messages (profile ros2, CDR) can be read.",
     "serialization format": "Only CDR messages can be read.",
+    "protobuf": "Only MCAP files with ROS 2 messages (CDR) can be read.",
+    "jsonschema": "Only MCAP files with ROS 2 messages (CDR) can be read.",
 }
 
 
@@ -167,7 +170,8 @@ def open_bag(path: Path) -> Iterator[Bag]:
                 for file in files:
                     check_file(file)
                     readers.append(Reader2(file) if is_ros2 else Reader1(file))
-                    readers[-1].open()
+                    with empty_profile_is_ros2():
+                        readers[-1].open()
                     stack.callback(readers[-1].close)
                 return Bag(path, readers, store, is_ros2, opened)
 

@@ -180,6 +180,11 @@ class Recording:
                 yield from pairer.add(kind, stamp_ns, image)
         yield from pairer.flush()
         self._count(pairer, streams, tally)
+        if apart := pairer.apart():
+            raise InputError(
+                f"{self.path}: {apart}: two clocks. Record with one (the same use_sim_time for all nodes; "
+                "realsense-ros: global_time_enabled of rgb_camera and depth_module), or correct the stamps"
+            )
         if poses is not None:
             poses.end()
 

@@ -9,6 +9,9 @@ from swardmap.errors import InputError
 from swardmap.geometry import Pose
 from swardmap.io.bags.tf_edge import ALWAYS_NS, Edge, same_place, sample_of, stamp_of
 
+CLOCKS_APART_S = 60.0
+"""An image so far from all transforms was hardly taken by their clock."""
+
 
 class TransformBuffer:
     """Transforms as they come from /tf and /tf_static, and lookups between any two frames of the tree.
@@ -143,8 +146,10 @@ class TransformBuffer:
             at = stamp_ns / 1e9
             first, last = (t / 1e9 for t in spans.get(name, (edge.samples[0][0], edge.samples[-1][0])))
             if not first <= at <= last:
+                far = max(first - at, at - last) > CLOCKS_APART_S
                 return (
                     f"{above} <- {name} is known from {first:.3f} to {last:.3f} s, the image is of {at:.3f} s"
+                    + (": two clocks? Record with the same use_sim_time for all nodes" if far else "")
                 )
             after = bisect_left(edge.samples, stamp_ns, key=stamp_of)
             gap_ms = (edge.samples[after][0] - edge.samples[after - 1][0]) / 1e6

@@ -54,6 +54,7 @@ class Pairer(Generic[Item]):
         self._limit = limit
         self._waiting: dict[str, deque[_Image[Item]]] = {COLOR: deque(), DEPTH: deque()}
         self._newest: dict[str, int] = {}
+        self._spans: dict[str, tuple[int, int]] = {}
         self._merged_ns: int | None = None
         self._chain: deque[_Image[Item]] = deque()  # the last images in order of time, not yet decided
         self._gap_before: tuple[float, int] = (float("inf"), 0)
@@ -69,6 +70,8 @@ class Pairer(Generic[Item]):
         Yields:
             The pairs that are now certain.
         """
+        first, last = self._spans.get(kind, (stamp_ns, stamp_ns))
+        self._spans[kind] = min(first, stamp_ns), max(last, stamp_ns)
         before = self._newest.get(kind)
         late = self._merged_ns is not None and stamp_ns < self._merged_ns
         if late or (before is not None and stamp_ns <= before):
@@ -82,6 +85,17 @@ class Pairer(Generic[Item]):
         colors, depths = self._waiting[COLOR], self._waiting[DEPTH]
         while (colors and depths) or max(len(colors), len(depths)) > self._limit:
             yield from self._follow(self._earliest())
+
+    def apart(self) -> str:
+        """The times of both streams, in seconds, if they have none in common; else empty."""
+        if len(self._spans) < len(self._waiting):
+            return ""
+        spans = [self._spans[kind] for kind in (COLOR, DEPTH)]
+        (a, b), (c, d) = spans
+        if a <= d + self._tolerance_ns and c <= b + self._tolerance_ns:
+            return ""
+        color, depth = (f"{first / 1e9:.3f} to {last / 1e9:.3f} s" for first, last in spans)
+        return f"colour images are of {color}, depth images of {depth}"
 
     def flush(self) -> Iterator[Pair[Item]]:
         """Yield what is left when both streams have ended."""
