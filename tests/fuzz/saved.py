@@ -177,6 +177,8 @@ def checkpoint(corpus: Path) -> tuple[Read, tuple[bytes, ...]]:
 
     def read(path: Path) -> Any:
         state = read_checkpoint(path)
+        with reading(path, "a whole checkpoint"):  # as `load_network` does
+            state["recipe"]
         return recipe_from_dict(state["recipe"], str(path))
 
     return read, ((corpus / "last.pt").read_bytes(),)

@@ -12,10 +12,14 @@ from swardmap.cli.evaluation_text import summary_text
 from swardmap.cli.options import (
     Classes,
     ConfigFile,
+    Depth,
     Json,
     Overwrite,
+    Poses,
     Provider,
+    Rgb,
     Settings,
+    image_flags,
     meanings,
     provider_name,
     settings,
@@ -58,6 +62,9 @@ def evaluate_command(
     kind: Annotated[
         str | None, typer.Option("--format", help="Kind of recording, if it is not recognised.")
     ] = None,
+    rgb: Rgb = None,
+    depth: Depth = None,
+    poses: Poses = None,
     segmenter: Annotated[str | None, typer.Option(help="auto, colour, truth, or an .onnx file.")] = None,
     provider: Provider = None,
     clean: Annotated[
@@ -114,7 +121,8 @@ def evaluate_command(
     if more:
         _refuse_own_settings(context, set_ or [], overwrite)
     flags = {
-        "source.format": kind, "segmenter.name": segmenter, "segmenter.provider": provider_name(provider),
+        "source.format": kind, **image_flags(rgb, depth, poses),
+        "segmenter.name": segmenter, "segmenter.provider": provider_name(provider),
     }  # fmt: skip
     named = [f"{key}={json.dumps(value)}" for key, value in flags.items() if value is not None]
     chosen = settings(config, [*(set_ or []), *named])

@@ -8,7 +8,19 @@ from typing import Annotated, Any
 import typer
 
 from swardmap.cli.live import Duration, Frames, tell_how_it_ended, until_stopped
-from swardmap.cli.options import ConfigFile, Json, Overwrite, Provider, Settings, provider_name, settings
+from swardmap.cli.options import (
+    ConfigFile,
+    Depth,
+    Json,
+    Overwrite,
+    Poses,
+    Provider,
+    Rgb,
+    Settings,
+    image_flags,
+    provider_name,
+    settings,
+)
 from swardmap.cli.progress import Progress
 from swardmap.config import Config, config_to_dict
 from swardmap.errors import InputError
@@ -18,6 +30,7 @@ Examples:
   swardmap map recording/ -o out/
   swardmap map drive.mcap -o out/ --segmenter lawn.onnx --resolution 0.1
   swardmap map drive.bag -o out/ --set source.depth_topic=/depth/image_raw
+  swardmap map data/ -o out/ --rgb 'rgb/*.jpg' --depth 'depth/*.png' --set source.intrinsics=[615,615,320,240]
   swardmap map monday.mcap tuesday.mcap friday.mcap -o maps/ --workers 2
   swardmap map friday.mcap -o out2/ --resume-map out/living.npz
   swardmap map drive.mcap -o out/ --set area.file=lawn.kml --set area.datum_lat=52.4 --set area.datum_lon=16.9
@@ -37,6 +50,9 @@ def map_command(
     kind: Annotated[
         str | None, typer.Option("--format", help="Kind of recording, if it is not recognised.")
     ] = None,
+    rgb: Rgb = None,
+    depth: Depth = None,
+    poses: Poses = None,
     segmenter: Annotated[str | None, typer.Option(help="auto, colour, truth, or an .onnx file.")] = None,
     provider: Provider = None,
     resolution: Annotated[float | None, typer.Option(help="Edge of a map cell in metres.")] = None,
@@ -69,7 +85,8 @@ def map_command(
 ) -> None:
     """Turn a recording into an obstacle map that Nav2 reads: map, costmap, clouds, pictures, summary."""
     flags = {
-        "source.format": kind, "segmenter.name": segmenter, "segmenter.provider": provider_name(provider),
+        "source.format": kind, **image_flags(rgb, depth, poses),
+        "segmenter.name": segmenter, "segmenter.provider": provider_name(provider),
         "grid.resolution_m": resolution,
         "costmap.margin_m": margin, "output.pictures": pictures, "output.clouds": clouds,
         **({} if resume_map is None else {"grid.mode": "log_odds", "grid.resume": str(resume_map)}),

@@ -42,6 +42,28 @@ PROVIDERS = {
 }  # fmt: skip
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace OUT if swardmap made it.")]
 
+Rgb = Annotated[
+    str | None, typer.Option("--rgb", help="Images by pattern: of the colour images, such as 'rgb/*.jpg'.")
+]
+Depth = Annotated[
+    str | None, typer.Option("--depth", help="Images by pattern: of the depth images, such as 'depth/*.png'.")
+]
+Poses = Annotated[
+    str | None, typer.Option("--poses", help="Images by pattern: file of poses (docs/recordings.md).")
+]
+
+
+def image_flags(rgb: str | None, depth: str | None, poses: str | None) -> dict[str, str | None]:
+    """Settings of a source of images by pattern; none where no flag was given."""
+    if rgb is None and depth is None and poses is None:
+        return {}
+    if rgb is None or depth is None:
+        raise typer.BadParameter("--rgb and --depth go together: patterns of the two kinds of images")
+    return {
+        "source.format": "images", "source.color_files": rgb, "source.depth_files": depth,
+        "source.poses_file": poses,
+    }  # fmt: skip
+
 
 def settings(file: Path | None, overrides: list[str]) -> Config:
     """The configuration of a command: defaults < file < environment < --set."""

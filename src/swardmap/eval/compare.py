@@ -15,6 +15,7 @@ from swardmap.eval.metrics import METRICS, UNDEFINED, Pair, metric
 from swardmap.eval.pages import render, style_sheet, told_command
 from swardmap.eval.results import tallies_of
 from swardmap.eval.tables import Table
+from swardmap.io.door import reading
 
 Record = Mapping[str, Any]
 
@@ -83,11 +84,12 @@ def compare_runs(
     comparisons = []
     for folder in folders[1:]:
         _, other = _named_records(folder)
-        names = [n for n in first if n in other and key in other[n]["maps"]]
-        if not names:
-            raise InputError(f"{folders[0]} and {folder} have no frame with maps {key} in common")
-        units = [_unit(first[n], unit, n) for n in names]
-        ours, theirs = (np.array([_measured(run[n], key) for n in names]) for run in (first, other))
+        with reading(f"{folders[0]} and {folder}", "whole records of evaluations"):
+            names = [n for n in first if n in other and key in other[n]["maps"]]
+            if not names:
+                raise InputError(f"{folders[0]} and {folder} have no frame with maps {key} in common")
+            units = [_unit(first[n], unit, n) for n in names]
+            ours, theirs = (np.array([_measured(run[n], key) for n in names]) for run in (first, other))
         differences = _differences(ours, theirs, units, confidence, seed)
         comparisons.append(Comparison(str(folder), len(names), len(set(units)), differences))
     return comparisons
@@ -97,7 +99,8 @@ def _named_records(folder: Path) -> tuple[str, dict[str, Record]]:
     """Kind of map of a run, and its frames by name."""
     run = gather(folder)
     records = [r for r in run.records if "error" not in r]
-    return run.plan.main, {r["name"] or str(r["index"]): r for r in records}
+    with reading(folder, "whole records of an evaluation"):
+        return run.plan.main, {r["name"] or str(r["index"]): r for r in records}
 
 
 def _measured(record: Record, key: str) -> list[Pair]:
