@@ -6,7 +6,7 @@ to say `ros2`. What the messages are stands with each channel, and is judged the
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import BinaryIO
 
 
 @contextmanager
@@ -16,9 +16,9 @@ def empty_profile_is_ros2() -> Iterator[None]:
 
     original = storage_mcap.read_string
 
-    def first(stream: Any) -> str:
+    def first(bio: BinaryIO) -> str:
         storage_mcap.read_string = original  # the profile is the first text of a file
-        return original(stream) or "ros2"
+        return original(bio) or "ros2"
 
     storage_mcap.read_string = first
     try:
