@@ -195,10 +195,10 @@ def body_framed(settings: dict[str, Any]) -> Robot:
     turn = np.eye(4)
     turn[:3, :3] = R_BODY_OPTICAL.T
     T_base_body = Pose(drive.BASE, drive.optical("camera"), T_base_optical.matrix @ turn)
-    robot.pipeline.on_tf(drive.transforms([T_base_body], 0), True, START_NS)
+    robot.pipeline.intake.on_tf(drive.transforms([T_base_body], 0), True, START_NS)
     for i in range(16):
         T = Pose("map", drive.BASE, drive.base_at(0.1 * i).matrix)
-        robot.pipeline.on_tf(drive.transforms([T], START_NS + i * PERIOD_NS), False, robot.now_ns)
+        robot.pipeline.intake.on_tf(drive.transforms([T], START_NS + i * PERIOD_NS), False, robot.now_ns)
         robot.step(i, 0.1 * i, posed=False)
     return robot
 
