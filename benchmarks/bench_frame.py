@@ -62,7 +62,7 @@ def measure(threads: int) -> str:
                 else:
                     pipeline.intake.on_image(name, kind, each, now_ns)
             while (mapped := pipeline.process(0)) is not None:
-                pipeline.mapped(mapped.pair, now_ns)
+                pipeline.mapped(mapped, now_ns)
             frames_ms.append(1e3 * (time.process_time() - begin))
         begin = time.process_time()
         grid = pipeline.given_out(None)

@@ -6,6 +6,7 @@ python -m tests.runs.semantic_faults     prints the table of docs/safety.md
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -29,6 +30,8 @@ CONFIG = config_from_dict(
     {"segmenter": {"name": "truth"}, "output": {"pictures": 0}, "grid": {"resolution_m": 0.1}}
 )
 FRAMES = 14
+
+PARTS = ("rgb", "depth", "labels")
 
 Frames = list[Frame]
 Cells = set[tuple[int, int]]
@@ -173,25 +176,27 @@ def _outcome(grid: OccupancyGrid | None, named: tuple[str, ...]) -> Outcome:
     return Outcome(len(free - seen), len(free & hazards), named)
 
 
+def with_parts(frame: Frame, parts: dict[str, Any]) -> Frame:
+    """A frame with some other parts."""
+    return replace(frame, **parts)
+
+
 def each(change: Callable[[Frame], Frame], since: int = 0, until: int = FRAMES) -> Callable[[Frames], Frames]:
     """A change of some of the frames."""
     return lambda frames: [change(f) if since <= i < until else f for i, f in enumerate(frames)]
 
 
-def turned(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[Frame], Frame]:  # type: ignore[type-arg]
+def turned(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[Frame], Frame]:
     """Colour, depth and labels moved together."""
-    return lambda f: replace(
-        f,
-        **{n: np.ascontiguousarray(change(getattr(f, n))) for n in ("rgb", "depth", "labels")},
-    )
+    return lambda f: with_parts(f, {n: np.ascontiguousarray(change(getattr(f, n))) for n in PARTS})
 
 
-def lit(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[Frame], Frame]:  # type: ignore[type-arg]
+def lit(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[Frame], Frame]:
     """Another colour."""
     return lambda f: replace(f, rgb=np.clip(change(f.rgb.astype(np.float32)), 0, 255).astype(np.uint8))
 
 
-def ranged(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[Frame], Frame]:  # type: ignore[type-arg]
+def ranged(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[Frame], Frame]:
     """Another depth, in metres."""
 
     def changed(f: Frame) -> Frame:
@@ -201,7 +206,7 @@ def ranged(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[Frame], Fram
     return changed
 
 
-def moved(change: Callable[[int, np.ndarray], np.ndarray]) -> Callable[[Frames], Frames]:  # type: ignore[type-arg]
+def moved(change: Callable[[int, np.ndarray], np.ndarray]) -> Callable[[Frames], Frames]:
     """Another pose of the n-th frame, from its matrix."""
 
     def changed(frames: Frames) -> Frames:
@@ -215,14 +220,14 @@ def moved(change: Callable[[int, np.ndarray], np.ndarray]) -> Callable[[Frames],
     return changed
 
 
-def by(x: float = 0, y: float = 0, z: float = 0) -> np.ndarray:  # type: ignore[type-arg]
+def by(x: float = 0, y: float = 0, z: float = 0) -> np.ndarray:
     """A shift in the map, to add to the matrix of a pose."""
     shift = np.zeros((4, 4))
     shift[:3, 3] = x, y, z
     return shift
 
 
-def about(axis: str, degrees: float) -> np.ndarray:  # type: ignore[type-arg]
+def about(axis: str, degrees: float) -> np.ndarray:
     """A turn about an axis of the camera, 4 x 4."""
     c, s = np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))
     turn, (a, b) = np.eye(4), {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
@@ -262,36 +267,35 @@ def delayed(delay_ns: Callable[[int], int]) -> Callable[[Frames], list[Event]]:
     return events
 
 
-def torn(image: np.ndarray, before: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+def torn(image: np.ndarray, before: np.ndarray) -> np.ndarray:
     """The upper half of an image, and the lower half of the one before."""
     return np.concatenate([image[: len(image) // 2], before[len(image) // 2 :]])
 
 
 def tearing(frames: Frames) -> Frames:
     """Each image is half of the one before."""
-    parts = ("rgb", "depth", "labels")
     pairs = zip(frames, [frames[0], *frames], strict=False)
-    return [replace(f, **{n: torn(getattr(f, n), getattr(o, n)) for n in parts}) for f, o in pairs]
+    return [with_parts(f, {n: torn(getattr(f, n), getattr(o, n)) for n in PARTS}) for f, o in pairs]
 
 
-def salted(metres: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+def salted(metres: np.ndarray) -> np.ndarray:
     """A tenth of the readings anywhere between 0.3 and 6 m."""
     dice = np.random.default_rng(0)
     wrong = dice.random(metres.shape) < 0.1
     return np.where(wrong, dice.uniform(0.3, 6, metres.shape), metres)
 
 
-def sparse(metres: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+def sparse(metres: np.ndarray) -> np.ndarray:
     """Three readings in a hundred."""
     return np.where(np.random.default_rng(0).random(metres.shape) < 0.03, metres, np.nan)
 
 
-def half(metres: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+def half(metres: np.ndarray) -> np.ndarray:
     """No readings in the left half."""
     return np.where(np.arange(metres.shape[1]) < metres.shape[1] // 2, np.nan, metres)
 
 
-def body_axes(_: int, matrix: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+def body_axes(_: int, matrix: np.ndarray) -> np.ndarray:
     """The pose of the body frame in place of the optical one."""
     matrix[:3, :3] = matrix[:3, :3] @ R_BODY_OPTICAL.T
     return matrix
