@@ -43,6 +43,8 @@ from swardmap.types import Frame, Segmentation, nearest_indices
 Case = Callable[[Frame, Segmentation], object]
 CLOUD = CloudConfig()
 UNFILTERED = CloudConfig(consistent_neighbours=0)
+SETTINGS, SETTINGS_UNFILTERED = Config(cloud=CLOUD), Config(cloud=UNFILTERED)  # built once, as a run does
+SETTINGS_PLAIN = Config(cloud=CLOUD, backend="plain")
 RESOLUTION_M, MIN_POINTS = 0.05, 3
 DEPTH_TO_3D: Any = getattr(cv2, "depthTo3d", None)  # in OpenCV 5; in 4 it was a contrib module
 
@@ -68,17 +70,17 @@ def spec_of(frame: Frame) -> GridSpec:
 
 def fused(frame: Frame, mask: Segmentation) -> object:
     assert frame.T_map_camera is not None
-    return observe(frame, mask, frame.T_map_camera, spec_of(frame), Config(cloud=CLOUD))
+    return observe(frame, mask, frame.T_map_camera, spec_of(frame), SETTINGS)
 
 
 def fused_without_filter(frame: Frame, mask: Segmentation) -> object:
     assert frame.T_map_camera is not None
-    return observe(frame, mask, frame.T_map_camera, spec_of(frame), Config(cloud=UNFILTERED))
+    return observe(frame, mask, frame.T_map_camera, spec_of(frame), SETTINGS_UNFILTERED)
 
 
 def staged(frame: Frame, mask: Segmentation) -> object:
     assert frame.T_map_camera is not None
-    return observe(frame, mask, frame.T_map_camera, spec_of(frame), Config(cloud=CLOUD, backend="plain"))
+    return observe(frame, mask, frame.T_map_camera, spec_of(frame), SETTINGS_PLAIN)
 
 
 def plain_numpy(frame: Frame, mask: Segmentation) -> NDArray[np.uint8]:
@@ -221,7 +223,7 @@ def files_to_map(pairs: list[tuple[Frame, Segmentation]]) -> float:
         images: list[Any] = [cv2.imdecode(depth, cv2.IMREAD_UNCHANGED), cv2.imdecode(color, cv2.IMREAD_COLOR)]
         read = replace(frame, depth=images[0], rgb=cv2.cvtColor(images[1], cv2.COLOR_BGR2RGB))
         assert read.T_map_camera is not None
-        mapper.integrate(observe(read, mask, read.T_map_camera, spec_of(read), Config()))
+        mapper.integrate(observe(read, mask, read.T_map_camera, spec_of(read), SETTINGS))
     return len(encoded) / (time.process_time() - started)
 
 

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,6 +11,10 @@ from swardmap.errors import FrameMismatchError, InvalidValueError
 
 Float64Array = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
+
+IDENTITY: Float64Array = np.eye(3)
+ROTATION_TOLERANCE: Float64Array = 1e-4 + 1e-5 * IDENTITY
+"""How far a rotation times its transpose may be off the identity: poses from text files pass."""
 
 R_BODY_OPTICAL: Float64Array = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
 """Rotation of an optical frame (z forward, x right, y down) seen from its body frame (x forward, z up)."""
@@ -37,12 +42,15 @@ class Pose:
         if not np.isfinite(matrix).all():
             raise InvalidValueError(f"{name}: expected finite numbers, got NaN or infinity")
         rotation = matrix[:3, :3]
-        if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-4) or np.linalg.det(rotation) < 0:
+        off = np.abs(rotation @ rotation.T - IDENTITY)
+        (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
+        determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+        if (off > ROTATION_TOLERANCE).any() or determinant < 0:
             raise InvalidValueError(
                 f"{name}: expected a rotation in the upper left 3x3 (orthonormal, determinant +1), "
                 f"got\n{rotation}"
             )
-        if not np.array_equal(matrix[3], [0, 0, 0, 1]):
+        if matrix[3].tolist() != [0, 0, 0, 1]:
             raise InvalidValueError(f"{name}: expected the last row 0 0 0 1, got {matrix[3]}")
         matrix.flags.writeable = False
 
@@ -169,9 +177,16 @@ class Intrinsics:
 
     def ray_tables(self) -> tuple[Float32Array, Float32Array]:
         """K^-1 [u v 1] at depth 1 (Eq. 1), split: (width,) x per column and (height,) y per row, float32."""
-        x = (np.arange(self.width) - self.cx) / self.fx
-        y = (np.arange(self.height) - self.cy) / self.fy
-        return x.astype(np.float32), y.astype(np.float32)
+        return _ray_tables(self)
+
+
+@lru_cache(maxsize=16)  # of a camera it is asked for with every frame
+def _ray_tables(intrinsics: Intrinsics) -> tuple[Float32Array, Float32Array]:
+    k = intrinsics
+    x = ((np.arange(k.width) - k.cx) / k.fx).astype(np.float32)
+    y = ((np.arange(k.height) - k.cy) / k.fy).astype(np.float32)
+    x.flags.writeable = y.flags.writeable = False
+    return x, y
 
 
 def deproject(depth_m: NDArray[np.floating], intrinsics: Intrinsics) -> Float32Array:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import difflib
+import functools
 import math
 import types
 import typing
@@ -25,11 +26,17 @@ def setting(
     return field(default=default, metadata=limits)
 
 
+@functools.cache
+def _hints(cls: type) -> Mapping[str, Any]:
+    """Types of the settings of a class: looked up once, not with every configuration that is built."""
+    return typing.get_type_hints(cls)
+
+
 class Checked:
     """Checks every field of a settings dataclass against its declared limits."""
 
     def __post_init__(self) -> None:
-        hints = typing.get_type_hints(type(self))
+        hints = _hints(type(self))
         for f in fields(self):  # type: ignore[arg-type]
             name = f"{type(self).__name__}.{f.name}"
             value = _converted(getattr(self, f.name), hints[f.name], name)
@@ -51,7 +58,7 @@ def build(cls: Any, tree: Any, path: str = "") -> Any:
     if not isinstance(tree, Mapping):
         raise ConfigError(f"section '{path}': expected keys and values, got {shortened(tree)}")
     known = {f.name for f in fields(cls)}
-    hints = typing.get_type_hints(cls)
+    hints = _hints(cls)
     for key in tree:
         if key not in known:
             near = difflib.get_close_matches(str(key), known, n=1)

@@ -10,20 +10,6 @@ from swardmap.kernels.compiled import compiled
 GRASS, OBSTACLE, PERSON = np.uint8(1), np.uint8(2), np.uint8(3)
 
 
-@compiled()
-def unpack(tallies, points, seen, doubt):  # type: ignore[no-untyped-def]
-    """Tallies of `passes.count` as points (cells * 4,), points of any class and hazard (cells,), uint32."""
-    low = np.uint64(0xFFFFFFFF)
-    for i in range(seen.shape[0]):
-        n, h = np.uint64(0), np.uint64(0)
-        for k in range(4):
-            tally = tallies[4 * i + k]
-            points[4 * i + k] = np.uint32(tally & low)
-            n += tally & low
-            h += tally >> np.uint64(32)
-        seen[i], doubt[i] = np.uint32(n), np.uint32(h)
-
-
 @compiled(inline="never")
 def mark(above, below, raised, enough, marks, holes, doubted):  # type: ignore[no-untyped-def]
     """perception.geometric_obstacles.geometric_marks on (cells,) uint32; writes (cells,) bool."""

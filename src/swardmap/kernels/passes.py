@@ -216,62 +216,77 @@ def _hazard_row(hazard, columns, told):  # type: ignore[no-untyped-def]
         told[u] = (told[u] & np.int32(255)) | (np.int32(hazard[columns[u]]) << np.int32(8))
 
 
-@compiled(inline="never")
-def _ground_row(cell, offset_m, floor_m, offset, floor):  # type: ignore[no-untyped-def]
-    """The ground under each pixel of a row: what is looked up stands apart, for it does not vectorise."""
-    for u in range(cell.shape[0]):
-        at = np.uint64(max(cell[u], np.int32(0)))
-        offset[u] = offset_m[at]
-        floor[u] = floor_m[at]
+@compiled()
+def _pair(offset_m, floor_m, pairs):  # type: ignore[no-untyped-def]
+    """Both heights of the ground of a cell side by side, so that one reading of memory brings both."""
+    for i in range(offset_m.shape[0]):
+        pairs[2 * i], pairs[2 * i + 1] = offset_m[i], floor_m[i]
 
 
 @compiled(inline="never")
-def _index_row(depth, unit_m, ray_x, tail, up, limits, cell, told, offset, rest, index):  # type: ignore[no-untyped-def]  # fmt: skip
-    """Counter of each pixel of a row: 4 * cell + code; or why it is not counted.
+def _ground_row(cell, pairs, ground):  # type: ignore[no-untyped-def]
+    """The ground under each pixel of a row: what is looked up stands apart, for it does not vectorise.
 
-    That is rest = void, rest + 1 = out of height, rest + 2 = no cell.
+    Eight bytes a cell, looked up as one number; cell -1 and the like take the first.
     """
-    lowest, highest, slope, start = limits[0], limits[1], up[0], up[3]
-    void, beyond, nowhere = np.int32(rest), np.int32(rest + 1), np.int32(rest + 2)
-    for u in range(index.shape[0]):
-        c, code = cell[u], told[u] & np.int32(255)
-        z = np.float32(depth[u]) * unit_m
-        height = z * (slope * ray_x[u] + tail) + start - offset[u]
-        i = np.int32(4) * c + code
-        i = i if (height >= lowest) & (height <= highest) else beyond
-        i = i if code < np.int32(VOID) else void
-        index[u] = i if c >= np.int32(0) else nowhere
+    for u in range(cell.shape[0]):
+        ground[u] = pairs[np.uint64(max(cell[u], np.int32(0)))]
 
 
 @compiled(inline="never")
-def _rise_row(depth, unit_m, ray_x, tail, up, limits, cell, told, offset, floor, rise):  # type: ignore[no-untyped-def]  # fmt: skip
-    """How each pixel of a row stands to the ground: 1 above or 2 below, + 4 a little above and doubted.
+def _stand_row(depth, unit_m, ray_x, tail, up, limits, cell, told, ground, rest, out):  # type: ignore[no-untyped-def]  # fmt: skip
+    """What each pixel of a row is counted as, and how it stands to the ground: uint32, one number for both.
+
+    From bit 3 on its counter, 4 * cell + code; or why it is not counted: rest = void, rest + 1 = out of
+    height, rest + 2 = no cell. Below 1 above or 2 below the ground, + 4 a little above and doubted.
 
     Returns:
         Nonzero if any rises or falls.
     """
-    _, highest, rise_m, doubt_rise_m, hole_m, noise, doubted = limits
+    lowest, highest, rise_m, doubt_rise_m, hole_m, noise, doubted = limits
     slope, start = up[0], up[3]
     rise_m2, doubt_rise_m2, hole_m2 = rise_m * rise_m, doubt_rise_m * doubt_rise_m, hole_m * hole_m
+    void, beyond, nowhere = np.int32(rest), np.int32(rest + 1), np.int32(rest + 2)
     zero, none = np.float32(0), np.int32(0)
     some = np.int32(0)
-    for u in range(rise.shape[0]):
+    for u in range(cell.shape[0]):
+        c, code, hazard = cell[u], told[u] & np.int32(255), np.float32(told[u] >> np.int32(8))
         z = np.float32(depth[u]) * unit_m
         q = slope * ray_x[u] + tail
         over = z * q + start
+        height, up_m = over - ground[2 * u], over - ground[2 * u + 1]
+        i = np.int32(4) * c + code
+        i = i if (height >= lowest) & (height <= highest) else beyond
+        i = i if code < np.int32(VOID) else void
+        i = i if c >= none else nowhere
         noise_m = noise * (z * z) * q
         noise_m2 = noise_m * noise_m
-        up_m, fall = over - floor[u], offset[u] - over
         up_m2 = up_m * up_m
-        code, hazard = told[u] & np.int32(255), np.float32(told[u] >> np.int32(8))
-        r = np.int32(2) if (fall > zero) & (fall * fall > hole_m2 + noise_m2) else none
+        r = np.int32(2) if (height < zero) & (height * height > hole_m2 + noise_m2) else none
         r = np.int32(1) if (up_m > zero) & (up_m <= highest) & (up_m2 > rise_m2 + noise_m2) else r
         w = np.int32(4) if (up_m2 > doubt_rise_m2 + noise_m2) & (hazard > doubted) else none
         w = w if (up_m > zero) & (up_m <= highest) & (code < np.int32(VOID)) else none
-        r = np.int32(r | w) if cell[u] >= none else none
-        rise[u] = r
+        r = np.int32(r | w) if c >= none else none
+        out[u] = (np.uint32(i) << np.uint32(3)) | np.uint32(r)
         some |= r
     return some
+
+
+@compiled(inline="never")
+def _raise_rises(cell, out, at, rises):  # type: ignore[no-untyped-def]
+    """Count the pixels of a row that rise or fall: first which they are, without a branch, then each.
+
+    rises: (cells * 4,) uint32 points that do neither but are raised, above, below, raised.
+    """
+    n = np.uint64(0)
+    for u in range(cell.shape[0]):
+        at[n] = u
+        n += np.uint64((out[u] & np.uint32(7)) > np.uint32(0))
+    for k in range(n):
+        u = np.uint64(at[k])
+        c, r = np.uint64(4) * np.uint64(cell[u]), out[u] & np.uint32(7)
+        rises[c + np.uint64(r & np.uint32(3))] += np.uint32(1)
+        rises[c + np.uint64(3)] += r >> np.uint32(2)
 
 
 @compiled(inline="never")
@@ -282,32 +297,70 @@ def _weigh_row(told, weights):  # type: ignore[no-untyped-def]
 
 
 @compiled(inline="never")
-def _raise_counters(index, weights, tallies):  # type: ignore[no-untyped-def]
+def _raise_points(out, points):  # type: ignore[no-untyped-def]
     """Raise the counter of every pixel of a row, from eight places of it in turn (as _raise_heights)."""
-    eighth = np.uint64(index.shape[0] // 8)
+    one, bits, width = np.uint32(1), np.uint32(3), np.uint64(out.shape[0])
+    eighth = width // np.uint64(8)
     for i in range(eighth):
-        tallies[np.uint64(index[i])] += weights[i]
-        tallies[np.uint64(index[i + eighth])] += weights[i + eighth]
-        u = i + np.uint64(2) * eighth
-        tallies[np.uint64(index[u])] += weights[u]
-        u = i + np.uint64(3) * eighth
-        tallies[np.uint64(index[u])] += weights[u]
-        u = i + np.uint64(4) * eighth
-        tallies[np.uint64(index[u])] += weights[u]
-        u = i + np.uint64(5) * eighth
-        tallies[np.uint64(index[u])] += weights[u]
-        u = i + np.uint64(6) * eighth
-        tallies[np.uint64(index[u])] += weights[u]
-        u = i + np.uint64(7) * eighth
-        tallies[np.uint64(index[u])] += weights[u]
-    for left in range(np.uint64(8) * eighth, np.uint64(index.shape[0])):
-        tallies[np.uint64(index[left])] += weights[left]
+        u = i
+        for _ in range(8):
+            points[np.uint64(out[u] >> bits)] += one
+            u += eighth
+    for left in range(np.uint64(8) * eighth, width):
+        points[np.uint64(out[left] >> bits)] += one
+
+
+@compiled(inline="never")
+def _raise_tallies(out, weights, tallies):  # type: ignore[no-untyped-def]
+    """The same with the hazard of each pixel."""
+    bits, width = np.uint32(3), np.uint64(out.shape[0])
+    eighth = width // np.uint64(8)
+    for i in range(eighth):
+        u = i
+        for _ in range(8):
+            tallies[np.uint64(out[u] >> bits)] += weights[u]
+            u += eighth
+    for left in range(np.uint64(8) * eighth, width):
+        tallies[np.uint64(out[left] >> bits)] += weights[left]
+
+
+@compiled(inline="never")
+def _of_points(points, seen, doubt):  # type: ignore[no-untyped-def]
+    """Points of any class and the sum of their hazard, where the class says the hazard."""
+    for i in range(seen.shape[0]):
+        hazard = points[4 * i + 2] + points[4 * i + 3]
+        seen[i] = points[4 * i] + points[4 * i + 1] + hazard
+        doubt[i] = np.uint32(255) * hazard
+
+
+@compiled(inline="never")
+def _of_tallies(tallies, points):  # type: ignore[no-untyped-def]
+    for i in range(points.shape[0]):
+        points[i] = np.uint32(tallies[i] & np.uint64(0xFFFFFFFF))
+
+
+@compiled(inline="never")
+def _hazards(tallies, points, seen, doubt):  # type: ignore[no-untyped-def]
+    """The same where every pixel has a hazard of its own."""
+    for i in range(seen.shape[0]):
+        seen[i] = points[4 * i] + points[4 * i + 1] + points[4 * i + 2] + points[4 * i + 3]
+    for i in range(doubt.shape[0]):
+        h = tallies[4 * i] >> np.uint64(32)
+        h += tallies[4 * i + 1] >> np.uint64(32)
+        h += tallies[4 * i + 2] >> np.uint64(32)
+        doubt[i] = np.uint32(h + (tallies[4 * i + 3] >> np.uint64(32)))
+
+
+@compiled(inline="never")
+def _split(rises, above, below, raised):  # type: ignore[no-untyped-def]
+    for i in range(above.shape[0]):
+        above[i], below[i], raised[i] = rises[4 * i + 1], rises[4 * i + 2], rises[4 * i + 3]
 
 
 @compiled()
 def count(  # type: ignore[no-untyped-def]
     depth, unit_m, ray_x, ray_y, cells, mask, table, hazard, hard, rows, columns, up, limits, grounded,
-    offset_m, floor_m, tallies, rises,
+    offset_m, floor_m, points, per_cell,
 ):  # fmt: skip
     """Count the pixels of each class in each cell, their doubt, and those off the ground.
 
@@ -320,7 +373,7 @@ def count(  # type: ignore[no-untyped-def]
         mask: (h, w) uint8 ids.
         table: (256,) int32 what an id counts as: 0..3, 4 = void; + 256 times its hazard.
         hazard: (h, w) uint8 P(obstacle or person) in 255ths.
-        hard: the hazard is that of the table.
+        hard: the hazard is that of the table, 255 for obstacle and person and else 0.
         rows: (H,) row of the mask for each row of the depth.
         columns: (W,) column of the mask for each column of the depth.
         up: (4,) float32, height above the plane of the ground = z * (up . ray) + up[3].
@@ -328,16 +381,21 @@ def count(  # type: ignore[no-untyped-def]
         grounded: whether the ground is known; else nothing is above or below it.
         offset_m: (cells,) float32 height of the ground over its plane.
         floor_m: (cells,) float32 height over the plane that a rise is measured from.
-        tallies: (cells * 4 + 3,) uint64, written here: points, and the sum of their hazard from bit 32 on;
-            behind the cells the pixels that are void, out of height; and some without a cell.
-        rises: (3, cells) uint32, written here: points above, below, a little above and doubted.
+        points: (cells * 4 + 3,) uint32, written here: points by MapClass; behind the cells the pixels that
+            are void, out of height; and some without a cell.
+        per_cell: (5, cells) uint32, written here: points of any class, the sum of their hazard, points above,
+            below, a little above and doubted.
     """
     H, W = depth.shape
-    tallies[:] = np.uint64(0)
-    rises[:] = np.uint32(0)
-    index, rise, told = np.empty(W, np.int32), np.empty(W, np.int32), np.empty(W, np.int32)
-    offset, floor, weights = np.empty(W, np.float32), np.empty(W, np.float32), np.empty(W, np.uint64)
-    mask_row, rest = -1, 4 * rises.shape[1]
+    n = per_cell.shape[1]
+    points[:] = np.uint32(0)
+    tallies = np.zeros(1 if hard else points.shape[0], np.uint64)
+    rises = np.zeros(4 * n if grounded else 0, np.uint32)
+    pairs = np.empty(2 * n, np.float32)
+    _pair(offset_m, floor_m, pairs)
+    told, at, out = np.empty(W, np.int32), np.empty(W + 1, np.int32), np.empty(W, np.uint32)
+    ground, weights = np.empty(2 * W, np.float32), np.empty(W, np.uint64)
+    mask_row, rest = -1, 4 * n
     for v in range(H):
         if _how_many(cells[v], np.int32(-1)) == 0:
             continue
@@ -346,17 +404,22 @@ def count(  # type: ignore[no-untyped-def]
             _mask_row(mask[mask_row], columns, table, told)
             if not hard:
                 _hazard_row(hazard[mask_row], columns, told)
-            _weigh_row(told, weights)
+                _weigh_row(told, weights)
         tail = up[1] * ray_y[v] + up[2]
-        _ground_row(cells[v], offset_m, floor_m, offset, floor)
-        _index_row(depth[v], unit_m, ray_x, tail, up, limits, cells[v], told, offset, rest, index)
-        some = _rise_row(depth[v], unit_m, ray_x, tail, up, limits, cells[v], told, offset, floor, rise)
-        _raise_counters(index, weights, tallies)
+        _ground_row(cells[v], pairs.view(np.uint64), ground.view(np.uint64))
+        some = _stand_row(depth[v], unit_m, ray_x, tail, up, limits, cells[v], told, ground, rest, out)
+        if hard:
+            _raise_points(out, points)
+        else:
+            _raise_tallies(out, weights, tallies)
         if grounded and some != 0:
-            cell = cells[v]
-            for u in range(W):
-                r = rise[u]
-                if r > 0:
-                    rises[0, cell[u]] += np.uint32(r & 1)
-                    rises[1, cell[u]] += np.uint32((r >> 1) & 1)
-                    rises[2, cell[u]] += np.uint32(r >> 2)
+            _raise_rises(cells[v], out, at, rises)
+    if hard:
+        _of_points(points, per_cell[0], per_cell[1])
+    else:
+        _of_tallies(tallies, points)
+        _hazards(tallies, points, per_cell[0], per_cell[1])
+    if grounded:
+        _split(rises, per_cell[2], per_cell[3], per_cell[4])
+    else:
+        per_cell[2:] = np.uint32(0)

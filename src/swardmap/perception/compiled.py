@@ -1,5 +1,7 @@
 """The passes over the pixels, compiled: the default at run time (twin: `plain`)."""
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -7,6 +9,7 @@ from swardmap.config import CloudConfig, Config, GeometryConfig
 from swardmap.errors import ConfigError
 from swardmap.geometry import Pose
 from swardmap.grid import GridSpec
+from swardmap.labels import LabelSet
 from swardmap.perception.backend import Judged
 from swardmap.perception.cloud import neighbours_needed
 from swardmap.perception.geometric_obstacles import ALWAYS_ENOUGH, GeometricMarks
@@ -103,7 +106,6 @@ def count(
     config: Config,
 ) -> Counted:
     """What the pixels say of each cell, at their heights above the ground."""
-    from swardmap.kernels import cells
     from swardmap.kernels import passes as kernel
 
     n = spec.width * spec.height
@@ -112,25 +114,19 @@ def count(
         offset_m = floor_m = np.zeros(n, np.float32)
     else:
         offset_m, floor_m = ground.offset_m, ground.floor_m
-    tallies = np.empty(4 * n + 3, np.uint64)
-    rises = np.empty((3, n), np.uint32)
-    rows, columns = (
-        nearest_indices(a, b).astype(np.uint64)  # unsigned: a kernel need not look at the sign
-        for a, b in zip(frame.depth.shape, segmentation.labels.shape, strict=True)
-    )
+    points, per_cell = np.empty(4 * n + 3, np.uint32), np.empty((5, n), np.uint32)
+    rows, columns = map(_sources, frame.depth.shape, segmentation.labels.shape)
     mask, table, hazard = _mask(segmentation, config)
     kernel.count(
         frame.depth, np.float32(frame.depth_unit_m), ray_x, ray_y, placed.cells,
         mask, table, mask if hazard is None else hazard, hazard is None, rows, columns,
         height_row(T_grid_camera, ground), count_limits(config), ground is not None,
-        offset_m, floor_m, tallies, rises,
+        offset_m, floor_m, points, per_cell,
     )  # fmt: skip
-    points = np.empty((*spec.shape, 4), np.uint32)
-    seen, doubt = np.empty(spec.shape, np.uint32), np.empty(spec.shape, np.uint32)
-    cells.unpack(tallies, points.reshape(-1), seen.reshape(-1), doubt.reshape(-1))
-    above, below, raised = rises.reshape(3, *spec.shape)
-    void, out_of_height = (int(tally) & 0xFFFFFFFF for tally in tallies[-3:-1])
-    return Counted(points, seen, doubt, above, below, raised, void, out_of_height)
+    void, out_of_height = points[-3:-1].tolist()
+    return Counted(
+        points[:-3].reshape(*spec.shape, 4), *per_cell.reshape(5, *spec.shape), void, out_of_height
+    )
 
 
 def _mask(
@@ -147,10 +143,23 @@ def _mask(
             np.arange(256, dtype=np.int32),
             segmentation.hazard_255,
         )
-    codes = code_table(segmentation.label_set).astype(np.int32)
-    table = codes + 256 * np.where((codes == OBSTACLE) | (codes == PERSON), np.int32(255), np.int32(0))
     own = segmentation.hazard is not None or segmentation.confidence is not None
-    return segmentation.labels, table, segmentation.hazard_255 if own else None
+    return segmentation.labels, _table(segmentation.label_set), segmentation.hazard_255 if own else None
+
+
+@lru_cache(maxsize=16)
+def _table(label_set: LabelSet) -> NDArray[np.int32]:
+    codes = code_table(label_set).astype(np.int32)
+    table: NDArray[np.int32] = codes + 256 * np.where(
+        (codes == OBSTACLE) | (codes == PERSON), np.int32(255), np.int32(0)
+    )
+    return table
+
+
+@lru_cache(maxsize=64)
+def _sources(size_out: int, size_in: int) -> NDArray[np.uint64]:
+    """`nearest_indices`, unsigned: a kernel need not look at the sign."""
+    return nearest_indices(size_out, size_in).astype(np.uint64)
 
 
 def judge(counted: Counted, ground: Ground | None, config: Config) -> Judged:
