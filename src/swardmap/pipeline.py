@@ -16,14 +16,42 @@ from swardmap.mapping.log_odds_map import LogOddsMap
 from swardmap.perception import compiled, plain
 from swardmap.perception.backend import Backend
 from swardmap.perception.cloud import filtered_cloud, within_height
-from swardmap.perception.ground_surface import GroundPlane, find_ground
+from swardmap.perception.ground_surface import Ground, GroundPlane, find_ground
 from swardmap.perception.observation import Observation, PixelCounts, pixel_counts
-from swardmap.perception.passes import height_row
+from swardmap.perception.passes import Placed, height_row
 from swardmap.segmenter import Segmenter
 from swardmap.types import Frame, LabeledCloud, Segmentation
 
 BACKENDS: Mapping[str, Backend] = {"compiled": compiled, "plain": plain}
 """The two equal implementations of the passes over the pixels."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Located:
+    """What a frame's depth says alone, whatever its mask: the same for every mask of it.
+
+    Attributes:
+        placed: cell of each pixel.
+        ground: of this view, or carried over from an earlier one; None = not known.
+    """
+
+    placed: Placed
+    ground: Ground | None
+
+
+def locate(
+    frame: Frame,
+    T_map_camera: Pose,
+    spec: GridSpec,
+    config: Config,
+    earlier: GroundPlane | None = None,
+) -> Located:
+    """Cells of the pixels (Eq. 1, 2) and ground of the view; arguments as of `observe`."""
+    passes = BACKENDS[config.backend]
+    placed = passes.place(frame, _in_grid(T_map_camera, spec), spec, config)
+    x, y, z = T_map_camera.position_m.tolist()
+    ground = find_ground(placed.sums, spec, config.geometry, (x, y, z), earlier, passes.fit_ground)
+    return Located(placed, ground)
 
 
 def observe(
@@ -33,6 +61,7 @@ def observe(
     spec: GridSpec,
     config: Config,
     earlier: GroundPlane | None = None,
+    located: Located | None = None,
 ) -> Observation:
     """What one frame says of the cells of a grid: a pure function of what it is given.
 
@@ -46,14 +75,15 @@ def observe(
         spec: the grid.
         config: ranges, filters, points a cell needs, geometry, backend.
         earlier: ground that an earlier view has shown, for a view that shows none.
+        located: what `locate` gives of the same, where it is there already.
     """
     passes = BACKENDS[config.backend]
     T_grid_camera = _in_grid(T_map_camera, spec)
     x, y, z = T_map_camera.position_m.tolist()
     viewpoint_m = (x, y, z)
 
-    placed = passes.place(frame, T_grid_camera, spec, config)
-    ground = find_ground(placed.sums, spec, config.geometry, viewpoint_m, earlier, passes.fit_ground)
+    located = located or locate(frame, T_map_camera, spec, config, earlier)
+    placed, ground = located.placed, located.ground
     counted = passes.count(frame, segmentation, placed, T_grid_camera, ground, spec, config)
     cells = passes.judge(counted, ground, config)
     return Observation(

@@ -17,7 +17,8 @@ from swardmap.geometry import Pose
 from swardmap.grid import GridSpec, OccupancyGrid, classify_cells, count_points
 from swardmap.io.sources.truth import FrameTruth
 from swardmap.labels import MapClass
-from swardmap.pipeline import observe, view_spec
+from swardmap.perception.ground_surface import ground_settings
+from swardmap.pipeline import Located, locate, observe, view_spec
 from swardmap.types import Frame, LabeledCloud, Segmentation
 
 PROTOCOLS = ("dense", "paper", "paper-own")
@@ -77,14 +78,17 @@ def compare_maps(
 class FrameMaps:
     """The maps of one frame, each made once however many comparisons ask for it.
 
+    What it was asked with is known by identity, and kept, so that no other object takes its id.
+
     Args:
         truth: what is truly there in the frame, if the data set knows.
     """
 
     def __init__(self, truth: FrameTruth | None = None) -> None:
         self.truth = truth
-        self._made: dict[tuple[object, ...], tuple[OccupancyGrid, Frame, Segmentation, Pose]] = {}
-        self._pixels: dict[tuple[object, ...], tuple[TruePixels, Frame, Pose, Pose]] = {}
+        self._made: dict[tuple[object, ...], tuple[OccupancyGrid, object]] = {}
+        self._located: dict[tuple[object, ...], tuple[Located, Frame, Pose, Config]] = {}
+        self._pixels: dict[tuple[object, ...], tuple[TruePixels, object]] = {}
         self._dense: dict[tuple[object, ...], tuple[OccupancyGrid, Segmentation]] = {}
         self._cells: dict[tuple[object, ...], NDArray[np.int64]] = {}
 
@@ -93,13 +97,13 @@ class FrameMaps:
     ) -> TruePixels:
         """The same as `true_pixels`; with the heights of the true pose, placed by another."""
         placed = T_placed or T_map_camera
-        key = (id(frame.depth), id(T_map_camera), id(placed), config.cloud)
+        key = (id(frame.depth), id(T_map_camera), id(placed), id(config.cloud))
         if key not in self._pixels:
             if placed is T_map_camera:
                 found = true_pixels(frame, T_map_camera, config, self.truth)
             else:
                 found = replace(self.pixels(frame, T_map_camera, config), T_map_camera=placed)
-            self._pixels[key] = found, frame, T_map_camera, placed
+            self._pixels[key] = found, (frame, T_map_camera, placed, config)
         return self._pixels[key][0]
 
     def cells(self, pixels: TruePixels, spec: GridSpec) -> NDArray[np.int64]:
@@ -130,12 +134,22 @@ class FrameMaps:
     def __call__(
         self, frame: Frame, segmentation: Segmentation, T_map_camera: Pose, config: Config, spec: GridSpec
     ) -> OccupancyGrid:
-        """The same as `frame_map`; what it was made of is kept, so that no other object takes its id."""
-        key = (id(frame.depth), id(segmentation.labels), id(T_map_camera), config, spec)
+        """The same as `frame_map`."""
+        key = (id(frame.depth), id(segmentation.labels), id(T_map_camera), id(config), spec)
         if key not in self._made:
-            grid = frame_map(frame, segmentation, T_map_camera, config, spec)
-            self._made[key] = grid, frame, segmentation, T_map_camera
+            located = self._depth_of(frame, T_map_camera, config, spec)
+            grid = observe(frame, segmentation, T_map_camera, spec, config, located=located).grid
+            self._made[key] = grid, (frame, segmentation, T_map_camera, config)
         return self._made[key][0]
+
+    def _depth_of(self, frame: Frame, T_map_camera: Pose, config: Config, spec: GridSpec) -> Located:
+        """Cells and ground of a frame: the same for every mask and for every rule of marking."""
+        rules = id(config.cloud), ground_settings(config.geometry), config.backend
+        key = (id(frame.depth), frame.depth_filtered, id(T_map_camera), spec, *rules)
+        if key not in self._located:
+            located = locate(frame, T_map_camera, spec, config)
+            self._located[key] = located, frame, T_map_camera, config
+        return self._located[key][0]
 
 
 @lru_cache(maxsize=32)  # building a configuration checks every setting

@@ -192,24 +192,23 @@ def _corridor_counts(seen: _Seen, things: TrueThings) -> Counter[str]:
     ahead = seen.x_m * np.cos(heading) + seen.y_m * np.sin(heading) > -2 * half_m
     rows, columns = np.nonzero(ahead & (seen.x_m**2 + seen.y_m**2 < (length_m + half_m) ** 2))
     x_m, y_m = seen.x_m[columns], seen.y_m[rows, 0]  # of the cells that a corridor may hold
-    counts = Counter[str]()
-    for degrees in HEADINGS_DEG:
-        c, s = np.cos(heading + np.deg2rad(degrees)), np.sin(heading + np.deg2rad(degrees))
-        along, across = x_m * c + y_m * s, y_m * c - x_m * s
-        inside = np.flatnonzero((along >= 0) & (along <= length_m) & (np.abs(across) <= half_m))
-        iy, ix = rows[inside], columns[inside]
-        if not len(iy):
-            continue
-        far, marked, there = along[inside], seen.marked[iy, ix], thing[iy, ix]
-        first_mark = far[marked].min(initial=np.inf)
-        if there.any():
-            late = first_mark > far[there].min() + LATE_M
-            counts["corridor_thing"] += 1
-            counts["corridor_missed"] += bool(late and seen.free[iy, ix][there & (far < first_mark)].any())
-        elif not seen.hazard[iy, ix].any() and seen.lawn[iy, ix].mean() >= SEEN_SHARE:
-            counts["corridor_clear"] += 1
-            counts["corridor_stopped"] += bool(marked.any())
-    return counts
+    angles = heading + np.deg2rad(HEADINGS_DEG)[:, None]  # a row for each corridor, all at once
+    c, s = np.cos(angles), np.sin(angles)
+    along, across = x_m * c + y_m * s, y_m * c - x_m * s
+    inside = (along >= 0) & (along <= length_m) & (np.abs(across) <= half_m)
+    marked, there = inside & seen.marked[rows, columns], inside & thing[rows, columns]
+    hazard, lawn = inside & seen.hazard[rows, columns], inside & seen.lawn[rows, columns]
+    first_mark = np.where(marked, along, np.inf).min(axis=1, initial=np.inf)
+    first_thing = np.where(there, along, np.inf).min(axis=1, initial=np.inf)
+    free_before = (there & seen.free[rows, columns] & (along < first_mark[:, None])).any(axis=1)
+    with_thing, cells = there.any(axis=1), inside.sum(axis=1)
+    clear = ~with_thing & ~hazard.any(axis=1) & (cells > 0) & (lawn.sum(axis=1) >= SEEN_SHARE * cells)
+    return Counter(
+        corridor_thing=int(with_thing.sum()),
+        corridor_missed=int((with_thing & (first_mark > first_thing + LATE_M) & free_before).sum()),
+        corridor_clear=int(clear.sum()),
+        corridor_stopped=int((clear & marked.any(axis=1)).sum()),
+    )
 
 
 UNJUDGED = ("out_of_range", "above", "below")

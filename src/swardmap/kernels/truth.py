@@ -57,14 +57,14 @@ def turn_and_move(xyz, turn, position_m, moved):  # type: ignore[no-untyped-def]
             moved[k, i] = np.float64(turn[i, 0] * x + turn[i, 1] * y + turn[i, 2] * z) + position_m[i]
 
 
-@compiled()
+@compiled(error_model="numpy")
 def _between(at, origin_m, texel_m, n):  # type: ignore[no-untyped-def]
     place = min(max((at - origin_m) / texel_m - 0.5, 0.0), np.float64(n - 1))
     before = min(np.int64(place), max(n - 2, 0))
     return before, place - before
 
 
-@compiled()
+@compiled(error_model="numpy")
 def heights_above(xyz, heights, origin_m, texel_m, height_m):  # type: ignore[no-untyped-def]
     """Heights of (N, 3) float64 points above a raster of the ground: writes (N,) float64.
 

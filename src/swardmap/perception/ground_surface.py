@@ -164,6 +164,11 @@ def fit_ground(sums: Sums, spec: GridSpec, config: GeometryConfig) -> Ground | N
     return Ground(plane, offset_m, floor_m)
 
 
+def ground_settings(config: GeometryConfig) -> tuple[float, float, float]:
+    """All of a configuration that the ground of a view depends on."""
+    return config.ground_block_m, config.max_slope_deg, config.max_bend_deg
+
+
 def block_cells(spec: GridSpec, config: GeometryConfig) -> int:
     """Side of a block in cells."""
     return max(1, round(config.ground_block_m / spec.resolution_m))
