@@ -31,10 +31,12 @@ class Located:
     """What a frame's depth says alone, whatever its mask: the same for every mask of it.
 
     Attributes:
+        T_grid_camera: pose of the camera in the grid.
         placed: cell of each pixel.
         ground: of this view, or carried over from an earlier one; None = not known.
     """
 
+    T_grid_camera: Pose
     placed: Placed
     ground: Ground | None
 
@@ -48,10 +50,11 @@ def locate(
 ) -> Located:
     """Cells of the pixels (Eq. 1, 2) and ground of the view; arguments as of `observe`."""
     passes = BACKENDS[config.backend]
-    placed = passes.place(frame, _in_grid(T_map_camera, spec), spec, config)
+    T_grid_camera = _in_grid(T_map_camera, spec)
+    placed = passes.place(frame, T_grid_camera, spec, config)
     x, y, z = T_map_camera.position_m.tolist()
     ground = find_ground(placed.sums, spec, config.geometry, (x, y, z), earlier, passes.fit_ground)
-    return Located(placed, ground)
+    return Located(T_grid_camera, placed, ground)
 
 
 def observe(
@@ -78,12 +81,11 @@ def observe(
         located: what `locate` gives of the same, where it is there already.
     """
     passes = BACKENDS[config.backend]
-    T_grid_camera = _in_grid(T_map_camera, spec)
     x, y, z = T_map_camera.position_m.tolist()
     viewpoint_m = (x, y, z)
 
     located = located or locate(frame, T_map_camera, spec, config, earlier)
-    placed, ground = located.placed, located.ground
+    T_grid_camera, placed, ground = located.T_grid_camera, located.placed, located.ground
     counted = passes.count(frame, segmentation, placed, T_grid_camera, ground, spec, config)
     cells = passes.judge(counted, ground, config)
     return Observation(
