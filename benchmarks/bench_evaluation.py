@@ -139,7 +139,8 @@ def whole_frames(rounds: int) -> Any:
         "4 kinds of map (the default), no budget": Plan(spec, config, with_budget=False),
         "4 kinds of map and the budget (the default)": Plan(spec, config),
     }
-    print(f"\nwhole evaluation of a VGA frame, true masks, decoded images, processor time\n{'':44}{'ms':>9}{'frames/s':>12}")
+    print("\nwhole evaluation of a VGA frame, true masks, decoded images, processor time")
+    print(f"{'':44}{'ms':>9}{'frames/s':>12}")
     result = {}
     for name, plan in plans.items():
         times = []

@@ -69,7 +69,7 @@ def tallies(folder: Path, network: Any, spent: dict[str, list[float]]) -> dict[s
         reference = made.dense(exact, true, pose, SETTINGS, spec)
         pixels = made.pixels(exact, pose, SETTINGS)
         things = find_things(exact, pixels, made.cells(pixels, spec), spec, SETTINGS, numbered.truth)
-        preprocess(frame.rgb, network.spec, network._buffer)
+        preprocess(frame.rgb, network.spec, network._buffer())
         logits = network._logits_of_buffer()
         started = time.process_time()
         mask = segmentation_of(logits, network.spec)

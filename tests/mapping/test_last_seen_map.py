@@ -1,5 +1,7 @@
 """The accumulated map: growth, clearing and the memory of persons."""
 
+from dataclasses import replace
+
 import numpy as np
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
@@ -9,6 +11,7 @@ from swardmap.config import GridConfig
 from swardmap.grid import GridSpec, OccupancyGrid, overlap, update_grid
 from swardmap.labels import MapClass
 from swardmap.mapping.last_seen_map import LastSeenMap
+from swardmap.perception.ground_surface import Ground
 from swardmap.perception.observation import Observation
 from tests.observations import observation
 
@@ -50,6 +53,28 @@ def test_growing_map_equals_the_papers_update_on_one_large_grid(
     rest[there] = mine[here] = MapClass.UNKNOWN
     assert not rest.any()
     assert not mine.any()
+
+
+def test_what_was_free_and_is_doubted_is_unknown_and_marks_stay() -> None:
+    def doubted(points: int, grounded: bool) -> Observation:
+        one = seen(np.zeros((1, 2)))
+        told = np.zeros((1, 2, 4), np.uint32)
+        told[..., MapClass.UNKNOWN] = points
+        ground = Ground(np.zeros(3), np.zeros(2, np.float32), np.zeros(2, np.float32))
+        return replace(one, points=told, ground=ground if grounded else None)
+
+    for points, grounded, left in (
+        (3, True, MapClass.UNKNOWN),
+        (2, True, MapClass.GRASS),
+        (9, False, MapClass.GRASS),
+    ):
+        mapper = LastSeenMap(
+            GridConfig(resolution_m=R, origin_m=(0, 0), size_m=(2 * R, R), min_grass_points=3)
+        )
+        mapper.integrate(seen([[MapClass.GRASS, MapClass.OBSTACLE]]))
+        mapper.integrate(doubted(points, grounded))
+        assert mapper.grid is not None
+        assert mapper.grid.classes.tolist() == [[left, MapClass.OBSTACLE]]
 
 
 def test_nothing_seen_makes_no_map() -> None:

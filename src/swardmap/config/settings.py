@@ -6,7 +6,7 @@ import functools
 import math
 import types
 import typing
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import field, fields
 from typing import Any
 
@@ -26,10 +26,8 @@ def setting(
     return field(default=default, metadata=limits)
 
 
-@functools.cache
-def _hints(cls: type) -> Mapping[str, Any]:
-    """Types of the settings of a class: looked up once, not with every configuration that is built."""
-    return typing.get_type_hints(cls)
+_hints: Callable[[Any], Mapping[str, Any]] = functools.cache(typing.get_type_hints)
+"""Types of the settings of a class: looked up once, not with every configuration that is built."""
 
 
 class Checked:

@@ -283,8 +283,8 @@ def _raise_rises(cell, out, at, rises):  # type: ignore[no-untyped-def]
         at[n] = u
         n += np.uint64((out[u] & np.uint32(7)) > np.uint32(0))
     for k in range(n):
-        u = np.uint64(at[k])
-        c, r = np.uint64(4) * np.uint64(cell[u]), out[u] & np.uint32(7)
+        w = np.uint64(at[k])
+        c, r = np.uint64(4) * np.uint64(cell[w]), out[w] & np.uint32(7)
         rises[c + np.uint64(r & np.uint32(3))] += np.uint32(1)
         rises[c + np.uint64(3)] += r >> np.uint32(2)
 
@@ -302,7 +302,7 @@ def _raise_points(out, points):  # type: ignore[no-untyped-def]
     one, bits, width = np.uint32(1), np.uint32(3), np.uint64(out.shape[0])
     eighth = width // np.uint64(8)
     for i in range(eighth):
-        u = i
+        u = np.uint64(i)
         for _ in range(8):
             points[np.uint64(out[u] >> bits)] += one
             u += eighth
@@ -316,7 +316,7 @@ def _raise_tallies(out, weights, tallies):  # type: ignore[no-untyped-def]
     bits, width = np.uint32(3), np.uint64(out.shape[0])
     eighth = width // np.uint64(8)
     for i in range(eighth):
-        u = i
+        u = np.uint64(i)
         for _ in range(8):
             tallies[np.uint64(out[u] >> bits)] += weights[u]
             u += eighth

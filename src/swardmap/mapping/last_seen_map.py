@@ -28,7 +28,8 @@ class LastSeenMap:
 
     Without a fixed extent the map grows with what is seen. An obstacle cell is cleared once
     `obstacle_clear_frames` frames in a row have seen grass there, a person cell after
-    `person_clear_frames`; frames that do not see the cell do not count.
+    `person_clear_frames`; frames that do not see the cell do not count. What was free and is in doubt when
+    it is seen again, with as many points as would clear it, is unknown: the last frame decides.
 
     Args:
         config: resolution, extent and evidence.
@@ -39,6 +40,7 @@ class LastSeenMap:
         self._frames_to_clear = np.array(
             [1, 1, config.obstacle_clear_frames, config.person_clear_frames], np.uint8
         )
+        self._points_to_clear = config.min_grass_points
         self._fixed = fixed_spec(config, frame_id)
         self._lattice = Lattice(lattice_corner(config, frame_id))
         self._tiles: dict[TileKey, _Cells] = {}
@@ -53,6 +55,7 @@ class LastSeenMap:
             self._extent = self._extent_with(seen)
             if self._extent is None:  # nothing seen yet, and nothing now
                 return
+        doubted = self._doubted(seen)
         for key, here, there in self._lattice.overlapped(seen.spec):
             if key not in self._tiles:
                 if not seen.classes[here].any():
@@ -60,9 +63,16 @@ class LastSeenMap:
                 self._tiles[key] = _Cells(*(np.zeros((TILE, TILE), np.uint8) for _ in range(2)))
             tile = self._tiles[key]
             kernel.merge(
-                seen.classes[here], tile.classes[there], tile.grass_in_a_row[there], self._frames_to_clear
-            )
+                seen.classes[here], doubted[here], tile.classes[there], tile.grass_in_a_row[there],
+                self._frames_to_clear,
+            )  # fmt: skip
         self._stamp_ns = max(self._stamp_ns, seen.stamp_ns)
+
+    def _doubted(self, seen: Observation) -> NDArray[np.bool_]:
+        """Cells with points enough to clear them, in doubt; without ground a view says nothing of lawn."""
+        if seen.ground is None:
+            return np.zeros(seen.spec.shape, np.bool_)
+        return np.asarray(seen.points[..., MapClass.UNKNOWN] >= self._points_to_clear)
 
     @property
     def grid(self) -> OccupancyGrid | None:
