@@ -124,9 +124,9 @@ def count(
         offset_m, floor_m, points, per_cell,
     )  # fmt: skip
     void, out_of_height = points[-3:-1].tolist()
-    return Counted(
-        points[:-3].reshape(*spec.shape, 4), *per_cell.reshape(5, *spec.shape), void, out_of_height
-    )
+    seen, doubt, above, below, raised = per_cell.reshape(5, *spec.shape)
+    by_class = points[:-3].reshape(*spec.shape, 4)
+    return Counted(by_class, seen, doubt, above, below, raised, void, out_of_height)
 
 
 def _mask(
