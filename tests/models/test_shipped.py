@@ -87,3 +87,17 @@ def test_an_off_road_robot_sees_grass_beside_the_road_and_none_in_the_trees(ship
         assert grass[: height // 3].mean() < 0.002  # sky and crowns of trees
         assert grass[height // 2 :, : width // 4].mean() < 0.02  # the road
         assert grass[height // 3 :, width // 2 :].mean() > 0.03  # the verge
+
+
+def test_the_small_one_is_the_same_network_with_a_smaller_input(
+    shipped: OnnxSegmenter, lawn_frame: MakeFrame
+) -> None:
+    path = bundled_network("small")
+    assert path is not None
+    small = OnnxSegmenter(path, threads=1)
+    assert small.spec.width * small.spec.height < 0.6 * shipped.spec.width * shipped.spec.height
+    assert small.label_set == shipped.label_set
+    assert small.spec.training["blend_shares"] == shipped.spec.training["blend_shares"]
+    frame = lawn_frame(480, 640)
+    here, there = (s(frame).resized_to(480, 640).labels for s in (small, shipped))
+    assert (here == there).mean() > 0.9

@@ -14,7 +14,8 @@ from swardmap.labels import LabelSet
 from swardmap.segmenter import Segmenter
 
 BUNDLED_FOLDER = Path(__file__).parent.parent / "data" / "models"
-BUNDLED_NAME = "lawn.onnx"
+BUNDLED_FILES: Mapping[str, str] = {"auto": "lawn.onnx", "small": "lawn-small.onnx"}
+"""Networks in the package by the name of the segmenter; `small` is the same one with a smaller input."""
 
 
 class SegmenterModule(Protocol):
@@ -33,10 +34,17 @@ SEGMENTERS: Mapping[str, str] = {
 """Kinds of segmenter and the module of each."""
 
 
-def bundled_network() -> Path | None:
-    """The network that comes with the package, or None in a package without it."""
-    path = BUNDLED_FOLDER / BUNDLED_NAME
+def bundled_network(name: str = "auto") -> Path | None:
+    """The network that comes with the package, `auto` or `small`; None in a package without it."""
+    path = BUNDLED_FOLDER / BUNDLED_FILES[name]
     return path if path.is_file() else None
+
+
+def network_file(name: str) -> Path | None:
+    """The file of the network that a segmenter's name means; None where it means no network."""
+    if name in BUNDLED_FILES:
+        return bundled_network(name)
+    return Path(name) if Path(name).suffix.lower() == ".onnx" else None
 
 
 def build_segmenter(
@@ -45,8 +53,8 @@ def build_segmenter(
     """Make the segmenter that the configuration names.
 
     Args:
-        config: `config.name` is `auto` (the bundled network, or colour where there is none), `colour`,
-            `truth`, or the path of an .onnx file.
+        config: `config.name` is `auto` (the bundled network, or colour where there is none), `small` (that
+            network with a smaller input), `colour`, `truth`, or the path of an .onnx file.
         source_label_set: classes of the recording's true labels, if it has any; `truth` needs it.
 
     Raises:
@@ -62,8 +70,10 @@ def build_segmenter(
 def _kind_of(name: str) -> str:
     if name == "auto":
         return "onnx" if bundled_network() else "colour"
-    if Path(name).suffix.lower() == ".onnx":
+    if name in BUNDLED_FILES or Path(name).suffix.lower() == ".onnx":
         return "onnx"
     if name in SEGMENTERS and name != "onnx":
         return name
-    raise ConfigError(f"segmenter: expected auto, colour, truth or the path of an .onnx file, got '{name}'")
+    raise ConfigError(
+        f"segmenter: expected auto, small, colour, truth or the path of an .onnx file, got '{name}'"
+    )

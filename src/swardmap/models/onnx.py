@@ -20,7 +20,7 @@ from swardmap.config import SegmenterConfig
 from swardmap.errors import ConfigError, ModelError
 from swardmap.io.door import reading
 from swardmap.labels import VOID_ID, LabelSet, MapClass
-from swardmap.models import bundled_network
+from swardmap.models import network_file
 from swardmap.models.spec import METADATA_KEY, UNFAMILIAR, NetworkSpec
 from swardmap.types import Frame, Segmentation
 
@@ -165,15 +165,15 @@ def open_segmenter(
     config: SegmenterConfig,
     source_label_set: LabelSet | None = None,  # noqa: ARG001 - the module contract
 ) -> OnnxSegmenter:
-    """Load the network that the configuration names; `auto` is the bundled one.
+    """Load the network that the configuration names; `auto` and `small` are bundled.
 
     Raises:
         ModelError: for a file that is missing, damaged, or no network of swardmap's.
         ConfigError: for a provider that this ONNX Runtime does not have.
     """
-    path = bundled_network() if config.name == "auto" else Path(config.name)
+    path = network_file(config.name)
     if path is None:
-        raise ModelError("this package holds no network; name an .onnx file, or colour")
+        raise ModelError(f"this package holds no network '{config.name}'; name an .onnx file, or colour")
     return OnnxSegmenter(path, config.threads, config.provider)
 
 

@@ -3,7 +3,6 @@
 import platform
 from hashlib import sha256
 from importlib import metadata
-from pathlib import Path
 
 from swardmap import __version__
 from swardmap.config import Config
@@ -28,10 +27,9 @@ def network_digest(config: Config) -> str:
         InputError: if the file of the network cannot be read.
     """
     from swardmap.io.files import read_bytes
-    from swardmap.models import bundled_network
+    from swardmap.models import network_file
 
-    name = config.segmenter.name
-    path = bundled_network() if name == "auto" else Path(name) if name.lower().endswith(".onnx") else None
+    path = network_file(config.segmenter.name)
     return "" if path is None else sha256(read_bytes(path)).hexdigest()[:16]
 
 
