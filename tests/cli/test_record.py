@@ -259,7 +259,7 @@ class TestCamera:
         assert run(["record", "realsense:", "-o", str(tmp_path / "a.mcap"), *SETTINGS, *patience]) == 1
         said = capsys.readouterr().err
         assert "no image that can be used for" in said
-        assert f"{tmp_path}/a.mcap holds the 4 frames that came." in said
+        assert "a.mcap holds the 4 frames that came." in said  # the path before it may be cut
         assert len(list(open_source(tmp_path / "a.mcap"))) == 4
 
     def test_a_camera_that_is_not_there(

@@ -235,9 +235,16 @@ def parse_npy(content: bytes, name: str | Path) -> NDArray[Any]:
 
 
 def open_archive(
-    content: bytes, name: str | Path, limit: int = MAX_UNPACKED_BYTES, what: str = "a zip archive"
+    content: bytes,
+    name: str | Path,
+    limit: int = MAX_UNPACKED_BYTES,
+    what: str = "a zip archive",
+    lzma: bool = False,
 ) -> dict[str, bytes]:
     """Members of a zip archive, stored or deflated, that unpack to no more than `limit` bytes together.
+
+    Members packed with LZMA can unpack to more than they announce before that is noticed: `lzma` lets them
+    in where a digest says already that the content is the expected one.
 
     Raises:
         InputError: if it is none, damaged, or a bomb.
@@ -247,7 +254,7 @@ def open_archive(
         size = sum(member.file_size for member in members)
         if size > limit:
             raise InputError(f"{name}: expected at most {limit} bytes unpacked, got {size}")
-        known = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+        known = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, *([zipfile.ZIP_LZMA] if lzma else []))
         for member in members:
             if member.compress_type not in known or member.flag_bits & 1:
                 raise ValueError(f"{shortened(member.filename)} packed in another way or encrypted")
@@ -255,10 +262,14 @@ def open_archive(
 
 
 def parse_npz(
-    content: bytes, name: str | Path, limit: int = MAX_UNPACKED_BYTES, what: str = "a zip archive of arrays"
+    content: bytes,
+    name: str | Path,
+    limit: int = MAX_UNPACKED_BYTES,
+    what: str = "a zip archive of arrays",
+    lzma: bool = False,
 ) -> dict[str, NDArray[Any]]:
     """Arrays of an .npz by their names. See `open_archive` and `parse_npy`."""
-    members = open_archive(content, name, limit, what)
+    members = open_archive(content, name, limit, what, lzma)
     return {
         member.removesuffix(".npy"): parse_npy(data, f"{name}: {shortened(member)}")
         for member, data in members.items()

@@ -87,7 +87,7 @@ def open_bundle(path: Path) -> Bundle:
 
 def arrays_of(content: bytes) -> dict[str, NDArray[Any]]:
     """Arrays of an .npz, which may not unpack to more than the limit."""
-    return parse_npz(content, "arrays", MAX_MEMBER_BYTES)
+    return parse_npz(content, "arrays", MAX_MEMBER_BYTES, lzma=True)
 
 
 def unquantised(steps: NDArray[np.uint16], low: Iterable[float], high: Iterable[float]) -> Float32Array:

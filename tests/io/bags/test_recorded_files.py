@@ -139,7 +139,7 @@ def test_metadata_that_counts_more_than_there_is(tmp_path: Path) -> None:
 def test_metadata_that_are_none(tmp_path: Path, text: str) -> None:
     bag = bags.write_bag(tmp_path, "mcap", Lawn().events())
     (bag / "metadata.yaml").write_text(text)
-    with pytest.raises(InputError, match=r"metadata\.yaml cannot be read"):
+    with pytest.raises(InputError, match=r"metadata\.yaml"):
         open_source(bag, SourceConfig())
 
 
