@@ -139,7 +139,9 @@ def test_frames_that_the_network_does_not_know_are_counted_and_free_nothing(tmp_
     assert f"unfamiliar to the network: 3 frames cleared nothing (first: {names[3]})" in lines
     assert not found.summary["warnings"]
     half = map_recording(Given(lambda frames: frames[:3]), config=TRUTH)
-    assert cells(found, free=True) <= cells(half, free=True) < cells(good, free=True)  # what it sees is doubted
+    assert (
+        cells(found, free=True) <= cells(half, free=True) < cells(good, free=True)
+    )  # what it sees is doubted
     all_strange = map_recording(Given(list), config=TRUTH, segmenter=Doubter(names))
     assert cells(all_strange, free=True) == set()
     assert "6 of 6 frames are unfamiliar to the network" in all_strange.summary["warnings"][0]

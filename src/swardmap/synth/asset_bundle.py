@@ -85,9 +85,10 @@ def open_bundle(path: Path) -> Bundle:
     return Bundle(path, index, hashlib.sha256(text).digest())
 
 
-def arrays_of(content: bytes) -> dict[str, NDArray[Any]]:
-    """Arrays of an .npz, which may not unpack to more than the limit."""
-    return parse_npz(content, "arrays", MAX_MEMBER_BYTES, lzma=True)
+def arrays_of(bundle: Bundle, part: str, name: str) -> dict[str, NDArray[Any]]:
+    """Arrays of an asset, which may not unpack to more than the limit; raises as `Bundle.read`."""
+    where = f"{bundle.path}: {part}/{name}"
+    return parse_npz(bundle.read(part, name), where, MAX_MEMBER_BYTES, lzma=True)
 
 
 def unquantised(steps: NDArray[np.uint16], low: Iterable[float], high: Iterable[float]) -> Float32Array:

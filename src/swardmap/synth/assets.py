@@ -182,7 +182,7 @@ class Assets:
             InputError: if there is none of that name, or the bundle is damaged.
         """
         self._known(self._arrays, name, "set of arrays")
-        return self._once("arrays", name, lambda bundle: _read_only(arrays_of(bundle.read("arrays", name))))
+        return self._once("arrays", name, lambda bundle: _read_only(arrays_of(bundle, "arrays", name)))
 
     def attribution(self) -> str:
         """Title, author, licence and package of every asset, one a line, as Markdown."""
@@ -213,7 +213,7 @@ class Assets:
         return kept
 
     def _model(self, bundle: Bundle, entry: ModelEntry) -> Model:
-        arrays = arrays_of(bundle.read("models", entry.name))
+        arrays = arrays_of(bundle, "models", entry.name)
         indices = bundle.index["models"][entry.name]["meshes"]
         return Model(entry.name, tuple(self._mesh(arrays, k, entry, mesh) for k, mesh in enumerate(indices)))
 
