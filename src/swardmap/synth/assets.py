@@ -169,7 +169,7 @@ class Assets:
             InputError: if there is none of that name, or the bundle is damaged.
         """
         self.texture_entry(name)
-        return self._once("textures", name, lambda bundle: _texture_of(name, bundle.read("textures", name)))
+        return self._once("textures", name, lambda bundle: _texture_of(bundle, name))
 
     def array_names(self) -> tuple[str, ...]:
         """Names of the sets of arrays, sorted."""
@@ -293,8 +293,8 @@ def _texture_entry(name: str, entry: Mapping[str, Any]) -> TextureEntry:
     return TextureEntry(name, str(entry["kind"]), (width, height), Source(**entry["source"]))
 
 
-def _texture_of(name: str, content: bytes) -> Texture:
-    image = decode(content, name)
+def _texture_of(bundle: Bundle, name: str) -> Texture:
+    image = decode(bundle.read("textures", name), f"{bundle.path}: textures/{name}")
     if image.dtype != np.uint8 or image.ndim != 3 or image.shape[0] * image.shape[1] > MAX_TEXTURE_PIXELS:
         raise ValueError(f"expected 8-bit colours, at most {MAX_TEXTURE_PIXELS} pixels, got {image.shape}")
     rgba = np.full((*image.shape[:2], 4), 255, np.uint8)
