@@ -10,6 +10,7 @@ import pytest
 import torch
 from PIL import Image
 
+import swardmap
 from swardmap.cli.demo import RECORDING
 from swardmap.errors import ModelError
 from swardmap.models import bundled_network
@@ -63,6 +64,7 @@ def test_a_network_comes_back_from_its_file(
         first.get_parameter(HEAD[1]).add_(torch.tensor([0.0, 0.7, -0.4]))
     export_onnx(first, spec, tmp_path / "net.onnx")
     with_spec(tmp_path / "net.onnx", training={"grass_bias": 0.5, "class_biases": [0.0, 0.2, -0.4]})
+    assert str(Path(swardmap.__file__).parent).encode() not in (tmp_path / "net.onnx").read_bytes()
 
     again = build_network(recipe)
     load_onnx_weights(tmp_path / "net.onnx", again, spec, [images])

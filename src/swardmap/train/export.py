@@ -156,7 +156,18 @@ def write_model(model: Any, spec: NetworkSpec, path: Path) -> None:
     """Write a model with what it says about itself; the file is replaced whole."""
     import onnx
 
-    del model.metadata_props[:]
+    graph = model.graph
+    for part in (
+        model,
+        graph,
+        *graph.node,
+        *graph.value_info,
+        *graph.initializer,
+        *graph.input,
+        *graph.output,
+    ):
+        part.doc_string = ""
+        del part.metadata_props[:]  # the exporter tells call stacks, with the paths of this machine
     onnx.helper.set_model_props(model, {METADATA_KEY: spec.to_json()})
     model.producer_name = "swardmap"
     path.parent.mkdir(parents=True, exist_ok=True)
