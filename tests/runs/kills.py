@@ -17,6 +17,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, replace
+from hashlib import sha256
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -90,12 +91,28 @@ def steady(path: Path) -> bytes:
     """Content of a file, of JSON without timings."""
     if path.suffix == ".html":  # with timings in its text
         return re.sub(rb"[0-9]+", b"0", path.read_bytes())
+    if path.suffix == ".pt":  # pickles of equal values may differ
+        from swardmap.train.checkpoint import read_checkpoint
+
+        return repr(values_of(read_checkpoint(path))).encode()
     if path.suffix != ".json":
         return path.read_bytes()
     tree = json.loads(path.read_bytes())
     return json.dumps(
         {k: v for k, v in tree.items() if k not in VARYING} if isinstance(tree, dict) else tree
     ).encode()
+
+
+def values_of(tree: Any) -> Any:
+    """A checkpoint's values, tensors by what they hold."""
+    if isinstance(tree, dict):
+        return sorted((repr(key), values_of(value)) for key, value in tree.items())
+    if isinstance(tree, (list, tuple)):
+        return [values_of(value) for value in tree]
+    if hasattr(tree, "numpy"):
+        array = tree.detach().numpy()
+        return array.dtype, array.shape, sha256(array.tobytes()).hexdigest()
+    return tree
 
 
 def check_left(out: Path, verb: Verb, old: dict[str, bytes], new: dict[str, bytes]) -> str:
