@@ -3,7 +3,8 @@
 import numpy as np
 
 from swardmap.kernels.compiled import compiled
-from swardmap.kernels.passes import FAR_AWAY, agreeing_row, depth_row
+from swardmap.kernels.constants import FAR_AWAY
+from swardmap.kernels.depth import agreeing_row, depth_row
 
 
 @compiled(inline="never")

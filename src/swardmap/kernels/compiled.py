@@ -13,6 +13,9 @@ _KERNELS: list[Any] = []
 def compiled(**options: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """`numba.njit` without the interpreter's lock; the machine code is kept on the disk where it can be.
 
+    A kernel is compiled again when its own file has changed; after a change to another that it calls, delete
+    `__pycache__`.
+
     A service user without a home and with read-only packages has no such place. Numba refuses that;
     here the kernel is compiled again in every process.
 

@@ -11,10 +11,8 @@ from numpy.typing import NDArray
 from swardmap.config import CloudConfig
 from swardmap.errors import InvalidValueError
 from swardmap.geometry import Pose, deproject
+from swardmap.kernels.constants import FAR_AWAY
 from swardmap.types import Frame, LabeledCloud, Segmentation
-
-FAR_AWAY = np.float32(-1e6)
-"""Stands for "no reading" where neighbours are compared: nothing is about as far away as this."""
 
 NEIGHBOURS = tuple((dv, du) for dv in (-1, 0, 1) for du in (-1, 0, 1) if (dv, du) != (0, 0))
 

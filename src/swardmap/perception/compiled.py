@@ -9,6 +9,7 @@ from swardmap.config import CloudConfig, Config, GeometryConfig
 from swardmap.errors import ConfigError
 from swardmap.geometry import Pose
 from swardmap.grid import GridSpec
+from swardmap.kernels.constants import OBSTACLE, PERSON
 from swardmap.labels import LabelSet
 from swardmap.perception.backend import Judged
 from swardmap.perception.cloud import neighbours_needed
@@ -22,8 +23,6 @@ from swardmap.perception.ground_surface import (
     steepest,
 )
 from swardmap.perception.passes import (
-    OBSTACLE,
-    PERSON,
     Counted,
     Placed,
     code_table,
@@ -45,7 +44,7 @@ def consistent_pixels(depth_m: NDArray[np.float32], config: CloudConfig) -> NDAr
     Returns:
         (H, W) bool.
     """
-    from swardmap.kernels import passes as kernel
+    from swardmap.kernels import depth as kernel
 
     if config.consistent_neighbours == 0:
         return np.isfinite(depth_m)
@@ -63,7 +62,7 @@ def place(frame: Frame, T_grid_camera: Pose, spec: GridSpec, config: Config) -> 
     Raises:
         ConfigError: if the configuration asks for a voxel grid or outlier removal.
     """
-    from swardmap.kernels import passes as kernel
+    from swardmap.kernels import place as kernel
 
     if config.cloud.voxel_m > 0 or config.cloud.outliers != "none":
         raise ConfigError(
@@ -106,7 +105,7 @@ def count(
     config: Config,
 ) -> Counted:
     """What the pixels say of each cell, at their heights above the ground."""
-    from swardmap.kernels import passes as kernel
+    from swardmap.kernels import count as kernel
 
     n = spec.width * spec.height
     ray_x, ray_y = frame.intrinsics.ray_tables()

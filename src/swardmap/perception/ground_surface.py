@@ -11,16 +11,17 @@ from numpy.typing import NDArray
 
 from swardmap.config import GeometryConfig
 from swardmap.grid import GridSpec
+from swardmap.kernels.constants import (
+    DENT_M,
+    FEWEST_CELLS,
+    LANES,
+    LOW_SHARE,
+    LOWEST_PART_M,
+    PER_METRE,
+    STEP_CELLS,
+)
 
-PER_METRE = np.float32(10000)  # heights are summed as whole tenths of millimetres (kernels.ground)
-HIGHEST = 2**31 - 1  # lowest height of a cell without points
-LOW_SHARE = 0.3  # of the cells of a block are taken to be ground, where an obstacle covers the rest
-LOWEST_PART_M = 0.05  # of a cell's points above its lowest is ground, where the rest is a trunk or a roof
-STEP_CELLS = 2  # a step is looked for this many cells around
-DENT_M = 0.05  # a block this much below those around it is a hole, not the ground
-FEWEST_CELLS = 12  # less ground than that is no ground
 LOWEST_CAMERA_M = 0.03  # a plane that is not so far below the camera is not what the robot stands on
-LANES = 64  # sums run in so many lanes (kernels.ground)
 NEAR_PLANE_M = (0.6, 0.4, 0.25, 0.2, 0.15, 0.15)  # how near to the plane counts, round by round
 
 Float32 = NDArray[np.float32]

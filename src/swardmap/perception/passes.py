@@ -12,15 +12,10 @@ from numpy.typing import NDArray
 
 from swardmap.config import Config
 from swardmap.geometry import Pose
+from swardmap.kernels.constants import UNSURE, VOID
 from swardmap.labels import LabelSet
 from swardmap.perception.ground_surface import Ground, Sums
 from swardmap.types import Segmentation
-
-NOT_IN_RANGE, NOT_CONSISTENT, OUTSIDE = -1, -2, -3
-"""In place of a cell: why a pixel has none."""
-
-UNSURE, GRASS, OBSTACLE, PERSON, VOID = range(5)
-"""What a pixel of the mask counts as; the first four have a counter in each cell."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
