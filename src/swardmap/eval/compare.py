@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swardmap import __version__
 from swardmap.errors import InputError
 from swardmap.eval.gathered import gather
 from swardmap.eval.metrics import METRICS, UNDEFINED, Pair, metric
-from swardmap.eval.pages import render, style_sheet, told_command
+from swardmap.eval.pages import render, told_command
 from swardmap.eval.results import tallies_of
 from swardmap.eval.tables import Table
 from swardmap.io.door import reading
@@ -186,9 +185,7 @@ def comparison_html(
     heads = ("", first, "{}", "difference", f"{100 * confidence:g} % interval")
     return render(
         "compare.html",
-        version=__version__,
         title=f"{' and '.join(names)} against {first}",
-        style=style_sheet(),
         first=first,
         unit=unit,
         command=told_command(command),

@@ -2,7 +2,6 @@
 
 import shlex
 from collections.abc import Callable
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -21,14 +20,6 @@ def render(template: str, **context: Any) -> str:
         "pct": pct, "metres": metres, "points": points, "sentence": sentence,
     }  # fmt: skip
     return templates.render(template, filters, **context)
-
-
-def style_sheet() -> Any:
-    """The style of all pages, as HTML."""
-    from markupsafe import Markup
-
-    text = resources.files("swardmap").joinpath("data/report/style.css").read_text("utf-8")
-    return Markup(text)  # noqa: S704 - a file of this package
 
 
 def told_command(command: str) -> str:

@@ -6,7 +6,6 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from swardmap import __version__
 from swardmap.eval import charts
 from swardmap.eval.charts import Mark
 from swardmap.eval.dataset import dataset_name
@@ -16,7 +15,7 @@ from swardmap.eval.gallery import LAYERS, frame_views
 from swardmap.eval.gathered import Gathered, alone
 from swardmap.eval.look_again import FrameAgain, look_again, worst_things
 from swardmap.eval.metrics import UNDEFINED, interval_text, metric
-from swardmap.eval.pages import metres, pct, points, render, style_sheet, told_command
+from swardmap.eval.pages import metres, pct, points, render, told_command
 from swardmap.eval.tables import paper_tables, safety_tables
 from swardmap.viz.maps import COLOR_OF_CLASS
 
@@ -75,12 +74,10 @@ def report_html(plan: Plan, results: Results, again: Sequence[tuple[int, FrameAg
     }
     shown = [{"name": n, "title": t} for n, t in SECTIONS.items() if told[n.replace("-", "_")]]
     return render(
-        "page.html",
-        version=__version__,
+        "evaluation.html",
         title=title(results),
         subtitle=f"{frames['evaluated']} of {frames['total']} frames, segmenter {results['segmenter']}, "
         f"maps {results['main']} m",
-        style=style_sheet(),
         sections=shown,
         command=told_command(results["command"]) or "made from Python",
         has_frames=has_frames,

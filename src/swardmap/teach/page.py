@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swardmap import __version__
 from swardmap.labels import GRASS, GRASS_OBSTACLE_PERSON, OTHER, PERSON, VOID_ID, MapClass
 from swardmap.teach.doubt import Doubt
 from swardmap.teach.drive import Drive, raised_cells
@@ -54,7 +53,6 @@ def teach_page(judged: Sequence[JudgedDrive], written: Written, command: str) ->
     names = ", ".join(j.drive.name for j in judged)
     return render(
         "teach.html",
-        version=__version__,
         title=f"What {names} teaches",
         subtitle=f"{written.learn} frames to learn from, {written.held} to measure on",
         warnings=warnings(judged, written),

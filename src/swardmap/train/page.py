@@ -4,10 +4,9 @@ from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from swardmap import __version__
 from swardmap.eval import charts
 from swardmap.eval.metrics import UNDEFINED
-from swardmap.eval.pages import render, style_sheet, told_command
+from swardmap.eval.pages import render, told_command
 
 SHOWN = ("accuracy", "grass_iou", "person_iou", "obstacle_called_grass")
 """Figures of the cards; those of a run that has none of them are left out."""
@@ -32,10 +31,8 @@ def training_page(
     done = last.get("step", 0)
     return render(
         "train.html",
-        version=__version__,
         title=f"How {name} was trained",
         subtitle=f"{done} of {steps} steps, {len(history)} validations",
-        style=style_sheet(),
         cards=[
             (_text(last[key]), key.replace("_", " "), _best(history, key)) for key in SHOWN if key in last
         ],

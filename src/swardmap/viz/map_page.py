@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-from swardmap import __version__
 from swardmap.grid import OccupancyGrid
 from swardmap.labels import MapClass
 from swardmap.mapping.costmap import Costmap
@@ -44,7 +43,6 @@ def map_page(
         frames = frames[::2]
     return render(
         "map.html",
-        version=__version__,
         title=title(summary),
         subtitle=subtitle(summary, grid),
         map=None if grid is None else map_view(grid, costmap, album),

@@ -3,14 +3,16 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from swardmap import __version__
+
 
 def render(template: str, filters: Mapping[str, Callable[..., Any]] | None = None, **context: Any) -> str:
-    """A page from one of the templates.
+    """A page from one of the templates; `base.html` is the frame of all of them, and tells the version.
 
     Args:
         template: file in data/report.
         filters: of the template, by name.
-        context: its names; only what is `markupsafe.Markup` is taken as HTML.
+        context: its names, `title` and `command` among them; only `markupsafe.Markup` is taken as HTML.
     """
     import jinja2
 
@@ -22,4 +24,4 @@ def render(template: str, filters: Mapping[str, Callable[..., Any]] | None = Non
         lstrip_blocks=True,
     )
     environment.filters.update(filters or {})
-    return environment.get_template(template).render(context)
+    return environment.get_template(template).render(context, version=__version__)
