@@ -1,24 +1,37 @@
 """How well a drive teaches: gardens whose lawns the network knows badly, before and after.
 
-    python benchmarks/bench_teach.py film out/ --gardens 2      # each a drive and another way to measure on
-    python benchmarks/bench_teach.py teach out/ --gardens 2
-    python benchmarks/bench_teach.py table out/ --gardens 2
+    python benchmarks/bench_teach.py film out/ --gardens 2 --paint bleached --paint leaves
+    python benchmarks/bench_teach.py teach out/
+    python benchmarks/bench_teach.py table out/
 
 Lawns are dry, shaded, in bluish light, long, mossy, in autumn: two gardens of each, seeds used nowhere else.
 Of each a drive is filmed with the simulated stereo sensor, and frames of another way through the same garden,
-which nothing is learnt from. These are mapped with the network so far, the taught one and true masks.
+which nothing is learnt from. `--paint` makes copies of a film whose lawn, by the true masks, or light has
+another colour, in linear light: lawns that no garden has, and that the network knows badly.
+`table` maps the other way with the network so far, the taught one and true masks.
 What is finished is kept: the same command goes on where it was.
 """
 
 import argparse
 import json
-from collections.abc import Mapping
+import shutil
+import time
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
 from swardmap.cli.app import run
+from swardmap.eval.things import NEAR_M
+from swardmap.io import open_source
+from swardmap.labels import GRASS, OTHER, PERSON, MapClass
+from swardmap.models import bundled_network
+from swardmap.models.onnx import OnnxSegmenter
 from swardmap.synth.config import load_synth_config
 from swardmap.synth.plan import SynthPlan, garden_seed
 from swardmap.synth.produce import make_source
@@ -28,8 +41,8 @@ from swardmap.synth.sequence_files import discard, is_complete, write_sequence
 from swardmap.synth.stage import garden_stage
 
 FIRST_SEED = 8801
-DRIVE_FRAMES, OTHER_FRAMES = 44, 8
-SETTINGS = ("rig.width=480", "rig.height=360", "rig.samples=2", "rig.rate_hz=2", "camera.blur_share=0",
+FRAMES = {"drive": 20, "other": 6}
+SETTINGS = ("rig.width=448", "rig.height=336", "rig.samples=2", "rig.rate_hz=1.5", "camera.blur_share=0",
             "camera.raindrops=[0,0]", "camera.dirt=[0,0]", "map.enabled=false")  # fmt: skip
 METRICS = ("obstacle_called_free", "free_beyond_margin_near", "lawn_kept_near", "things_missed",
            "things_dangerous", "corridor_missed", "false_stops")  # fmt: skip
@@ -53,25 +66,51 @@ LAWNS = {
     "autumn": Lawn({"hue_deg": 48.0, "dry": 0.7, "bare": 1.0, "worn": 1.0}, "sunset"),
 }
 
+Gains = tuple[float, float, float]
 
-def film(out: Path, number: int) -> None:
+
+@dataclass(frozen=True)
+class Paint:
+    """How a lawn, and the light, are changed: factors of linear red, green and blue.
+
+    Attributes:
+        lawn: of the pixels of grass.
+        faded: share of their colour that is lost first.
+        light: of all pixels.
+    """
+
+    lawn: Gains = (1.0, 1.0, 1.0)
+    faded: float = 0.0
+    light: Gains = (1.0, 1.0, 1.0)
+
+
+PAINTS = {
+    "straw": Paint((1.5, 0.8, 0.9), 0.6),
+    "bleached": Paint(faded=0.85),
+    "frosted": Paint((1.9, 1.7, 1.8), 0.6),
+    "leaves": Paint((1.5, 0.6, 0.4), 0.2),
+    "blue": Paint(light=(0.35, 0.8, 2.2)),
+}
+
+
+def film(out: Path, number: int, wanted: Collection[str]) -> None:
     """The drive and the other way of a garden."""
     kind = list(LAWNS)[number % len(LAWNS)]
     lawn, seed = LAWNS[kind], FIRST_SEED + number
     config = load_synth_config(None, (*SETTINGS, *lawn.settings))
-    parts = {"drive": DRIVE_FRAMES, "other": OTHER_FRAMES}
+    parts = {name: n for name, n in FRAMES.items() if name in wanted}
     if all(is_complete(folder_of(out, number) / part, "0000", lawn.light, n) for part, n in parts.items()):
         return
     stage = garden_stage(config)
     with patch("swardmap.synth.scene.garden.lawn_look", lambda rng: replace(lawn_look(rng), **lawn.look)):
         garden = stage.garden(garden_seed(seed, 0))
     rig = random_rig(garden.seed, config.rig.width, config.rig.height)
-    for k, (part, frames) in enumerate(parts.items()):
+    for part, frames in parts.items():
         there = folder_of(out, number) / part
         discard(there, "0000", lawn.light)
         plan = SynthPlan(seed, 1, frames, (lawn.light,), config)
         source = make_source(plan, stage, 0, lawn.light, garden)
-        if k:
+        if part == "other":
             way = mowing_run(garden, garden.seed + 1, frames, 0.4, rig)
             source = replace(source, run=way)
         write_sequence(source, there, "0000", None, config.map, lambda: {"lawn": kind}, lambda: None)
@@ -83,27 +122,67 @@ def folder_of(out: Path, number: int) -> Path:
     return out / f"{FIRST_SEED + number}-{list(LAWNS)[number % len(LAWNS)]}"
 
 
-def recording(out: Path, number: int, part: str) -> Path:
-    """The recording of a part."""
-    (found,) = (folder_of(out, number) / part / "folder" / "0000").iterdir()
+def recording(case: Path, part: str) -> Path:
+    """The recording of a part of a garden or of a painted copy."""
+    (found,) = (case / part / "folder" / "0000").iterdir()
     return found
 
 
-def teach(out: Path, number: int, start: Path | None, more: list[str]) -> None:
+def paint(case: Path, name: str) -> None:
+    """A copy of a film with a lawn, or a light, of another colour."""
+    for part in FRAMES:
+        source = recording(case, part)
+        there = case.with_name(f"{case.name}-{name}") / part / "folder" / "0000" / source.name
+        if (there / "complete.json").is_file():
+            continue
+        unpainted = shutil.ignore_patterns("rgb", "complete.json")
+        shutil.copytree(source, there, dirs_exist_ok=True, ignore=unpainted)
+        (there / "rgb").mkdir(exist_ok=True)
+        for file in sorted((source / "rgb").iterdir()):
+            lawn = cv2.imread(str(source / "labels" / f"{file.stem}.png"), cv2.IMREAD_UNCHANGED) == GRASS.id
+            rgb = cv2.imread(str(file))[..., ::-1]
+            cv2.imwrite(str(there / "rgb" / f"{file.stem}.png"), painted(rgb, lawn, PAINTS[name])[..., ::-1])
+        shutil.copy(source / "complete.json", there / "complete.json")
+
+
+def painted(rgb: NDArray[np.uint8], lawn: NDArray[np.bool_], how: Paint) -> NDArray[np.uint8]:
+    """An image with another lawn and light.
+
+    Args:
+        rgb: (H, W, 3) uint8 sRGB.
+        lawn: (H, W) which pixels are grass.
+        how: see there.
+    """
+    x = rgb.astype(np.float32) / 255
+    x = np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4)
+    other = (x * (1 - how.faded) + x.mean(-1, keepdims=True) * how.faded) * np.array(how.lawn)
+    share = cv2.GaussianBlur(lawn.astype(np.float32), (0, 0), 0.7)[..., None]  # as a lens mixes them
+    x = np.clip((x * (1 - share) + other * share) * np.array(how.light), 0, 1)
+    x = np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
+    return np.round(255 * x).astype(np.uint8)
+
+
+def cases(out: Path, only: str) -> list[Path]:
+    """Folders of gardens and of painted copies with both ways."""
+    return [c for c in sorted(out.glob(only)) if all((c / part).is_dir() for part in FRAMES)]
+
+
+def teach(there: Path, start: Path | None, more: list[str]) -> None:
     """Teach from the drive of a garden."""
-    there = folder_of(out, number)
     if not (there / "verdict.json").is_file():
-        drive = str(recording(out, number, "drive"))
+        drive = str(recording(there, "drive"))
         begin = [] if start is None else ["--start", str(start)]
+        began, spent = time.monotonic(), time.process_time()
         code = run(["teach", drive, "-o", str(there / "taught.onnx"), "--yes", *begin, *more])
+        took = {"wall_s": round(time.monotonic() - began), "cpu_s": round(time.process_time() - spent)}
         gate = json.loads((there / "taught.teach" / "gate.json").read_text())
-        (there / "verdict.json").write_text(json.dumps({"code": code, **gate}, indent=1))
+        (there / "verdict.json").write_text(json.dumps({"code": code, **took, **gate}, indent=1))
 
 
-def measure(out: Path, number: int, start: Path | None) -> dict[str, dict[str, float | None]]:
+def measure(there: Path, start: Path | None) -> dict[str, dict[str, float | None]]:
     """Figures of the other way: the network so far, the taught one, true masks."""
-    there, found = folder_of(out, number), {}
-    taught = there / "taught.onnx"
+    found, taught = {}, there / "taught.onnx"
+    other = recording(there, "other")
     for name, segmenter in (
         ("before", str(start or "auto")),
         ("after", str(taught)),
@@ -113,12 +192,27 @@ def measure(out: Path, number: int, start: Path | None) -> dict[str, dict[str, f
         if segmenter == str(taught) and not taught.is_file():
             continue
         if not (result / "results.json").is_file():
-            other = str(recording(out, number, "other"))
             options = ["--segmenter", segmenter, "--resolution", "0.05", "--workers", "1"]
-            run(["evaluate", other, "-o", str(result), *options])
-        metrics = json.loads((result / "results.json").read_text())
-        found[name] = figures(metrics)
+            run(["evaluate", str(other), "-o", str(result), *options])
+        found[name] = figures(json.loads((result / "results.json").read_text()))
+        if segmenter != "truth":
+            network = bundled_network() if segmenter == "auto" else Path(segmenter)
+            found[name] |= pixels(OnnxSegmenter(network, 1), other)
     return found
+
+
+def pixels(segmenter: OnnxSegmenter, recording: Path) -> dict[str, float | None]:
+    """Shares of the true pixels of lawn, things and persons within NEAR_M that are called grass."""
+    hits, of = np.zeros(3, np.int64), np.zeros(3, np.int64)
+    for frame in open_source(recording):
+        grass = segmenter(frame).resized_to(*frame.depth.shape).map_classes == MapClass.GRASS
+        near = frame.depth_m <= NEAR_M
+        for i, one in enumerate((GRASS, OTHER, PERSON)):
+            there = near & (frame.labels == one.id)
+            hits[i] += np.count_nonzero(grass & there)
+            of[i] += np.count_nonzero(there)
+    names = ("grass_recall", "other_called_grass", "person_called_grass")
+    return {n: None if c == 0 else float(h / c) for n, h, c in zip(names, hits, of, strict=True)}
 
 
 def figures(results: Mapping[str, Any]) -> dict[str, float | None]:
@@ -138,17 +232,24 @@ def main() -> None:
     parser.add_argument("out", type=Path)
     parser.add_argument("--gardens", type=int, default=12)
     parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--part", action="append", choices=tuple(FRAMES), help="of a film; none = all")
+    parser.add_argument("--paint", action="append", choices=tuple(PAINTS), help="make such copies, too")
+    parser.add_argument("--only", default="*", help="names of the gardens to teach or to measure")
     parser.add_argument("--start", type=Path, help="network to begin from, if not the package's")
     chosen, more = parser.parse_known_args()
-    for number in range(chosen.first, chosen.first + chosen.gardens):
-        if chosen.what == "film":
-            film(chosen.out, number)
-        elif chosen.what == "teach":
-            teach(chosen.out, number, chosen.start, more)
+    if chosen.what == "film":
+        for number in range(chosen.first, chosen.first + chosen.gardens):
+            film(chosen.out, number, chosen.part or FRAMES)
+            for name in chosen.paint or ():
+                paint(folder_of(chosen.out, number), name)
+        return
+    for case in cases(chosen.out, chosen.only):
+        if chosen.what == "teach":
+            teach(case, chosen.start, more)
         else:
-            for name, values in measure(chosen.out, number, chosen.start).items():
+            for name, values in measure(case, chosen.start).items():
                 told = "  ".join(f"{k} {'-' if v is None else f'{v:.3f}'}" for k, v in values.items())
-                print(f"{folder_of(chosen.out, number).name:<14} {name:<10} {told}", flush=True)
+                print(f"{case.name:<22} {name:<10} {told}", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """`swardmap teach` from end to end: labels and page, learning, a gate that lets pass and one that refuses."""
 
 import json
+import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -104,6 +105,39 @@ def test_a_network_is_not_replaced_by_its_pupil(
     start.write_bytes(b"a network")
     assert run(["teach", str(drive), "-o", str(start), "--start", str(start)]) == 1
     assert "must not replace" in capsys.readouterr().err
+    link = tmp_path / "other-name.onnx"
+    link.symlink_to(start)
+    assert run(["teach", str(drive), "-o", str(link), "--start", str(start)]) == 1
+    assert "must not replace" in capsys.readouterr().err
+    assert start.read_bytes() == b"a network"
+
+
+def test_a_second_drive_does_not_take_the_place_of_the_first(
+    drive: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, again = tmp_path / "my-lawn.onnx", tmp_path / "again" / drive.name
+    shutil.copytree(drive, again)  # of the same name, size and number of frames
+    assert run(["teach", str(drive), "-o", str(out)]) == 0
+    facts = json.loads((out.with_suffix(".teach") / "labels.json").read_text())
+    out.write_bytes(b"what the first drive taught")
+    assert run(["teach", str(drive), "-o", str(out)]) == 0  # the same drive may go on
+    capsys.readouterr()
+    assert run(["teach", str(again), "-o", str(out)]) == 1
+    assert "name another file, or add --replace" in capsys.readouterr().err
+    assert json.loads((out.with_suffix(".teach") / "labels.json").read_text()) == facts
+    assert run(["teach", str(again), "-o", str(out), "--replace"]) == 0
+    assert json.loads((out.with_suffix(".teach") / "labels.json").read_text()) != facts
+    assert out.read_bytes() == b"what the first drive taught"
+
+
+def test_two_drives_of_one_name_are_told_apart(drive: Path, tmp_path: Path) -> None:
+    again, out = tmp_path / "again" / drive.name, tmp_path / "my-lawn.onnx"
+    shutil.copytree(drive, again)
+    assert run(["teach", str(drive), str(again), "-o", str(out), "--leave-out", "2-4"]) == 0
+    facts = json.loads((out.with_suffix(".teach") / "labels.json").read_text())
+    names = [f"{drive.name} (1)", f"{drive.name} (2)"]
+    assert facts["drives"] == names
+    assert sorted(facts["left_out"]) == names
 
 
 @pytest.mark.slow

@@ -68,6 +68,9 @@ def teach_command(
     steps: Annotated[int | None, typer.Option(min=1, help="Steps of learning, if not the usual.")] = None,
     device: Annotated[str, typer.Option(help="As torch names it; auto = a GPU if there is one.")] = "auto",
     threads: Annotated[int, typer.Option(min=0, help="CPU threads; 0 = torch's choice.")] = 0,
+    replace_: Annotated[
+        bool, typer.Option("--replace", help="Write over a network that other drives or settings taught.")
+    ] = False,
     config: ConfigFile = None,
     set_: Settings = None,
     as_json: Json = False,
@@ -84,6 +87,7 @@ def teach_command(
         raise typer.BadParameter("a drive is read twice: record the camera first, with swardmap record")
     task = Task(
         [open_source(drive, chosen) for drive in drives],
+        drives,
         out,
         chosen,
         plan_of(footprint, leave_out or [], steps, chosen),
@@ -92,6 +96,7 @@ def teach_command(
         tuple(_unwanted(leave_out_area or [], chosen)),
         tuple(replay or []),
         shlex.join(["swardmap", *_arguments(), "--yes"]),
+        replace_,
     )
     began = time.monotonic()
     with Progress("labelling", "labelled", quiet=as_json) as bar:

@@ -1,6 +1,7 @@
 """Learning from the labels of a drive with replay, and files to choose from. Needs the extra `train`."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,8 @@ START_SHARES = (0.0, 0.4, 0.7)
 CALIBRATION_IMAGES = 48
 FAMILIAR_IMAGES = 12
 """Of each set, about, by which the score of unfamiliar images is carried over."""
+ALL_BLOCKS = 99
+"""More than an encoder has: none of it learns."""
 DEMO = Path(__file__).parent.parent / "data" / "demo"
 HOLD_OUT = 12
 """Every so many of the gardens are not learnt from."""
@@ -58,10 +61,13 @@ def teach_recipe(
         pseudo_weight=0.3, paste_person=0.25, covered=0.02, check_every=learn.check_every,
         precision=precision, frozen_norms=True,
     )  # fmt: skip
+    network = NetworkConfig()
+    if learn.encoder_rate == 0:
+        network = replace(network, frozen_blocks=ALL_BLOCKS)
     told = f"{licence} Taught by a drive over its owner's lawn.".strip()
     return Recipe(
         name,
-        NetworkConfig(),
+        network,
         schedule,
         AugmentConfig(scale=0.5, harsh=0.25),
         tuple(data),

@@ -37,12 +37,12 @@ class LabelConfig(Checked):
 class LearnConfig(Checked):
     """How it learns; small, so that two cores need minutes."""
 
-    steps: int = setting(100, "of the optimiser", minimum=1)
+    steps: int = setting(60, "of the optimiser", minimum=1)
     batch: int = setting(8, "views a step", minimum=1)
-    decoder_rate: float = setting(3e-4, "learning rate at its peak", minimum=0)
-    encoder_rate: float = setting(6e-5, "learning rate at its peak", minimum=0)
+    decoder_rate: float = setting(1e-3, "learning rate at its peak", minimum=0)
+    encoder_rate: float = setting(0.0, "learning rate at its peak; 0 = it stays as it is", minimum=0)
     replay: float = setting(0.5, "share of the views that are not of the drive", minimum=0, maximum=0.95)
-    check_every: int = setting(25, "steps from one checkpoint to the next", minimum=1)
+    check_every: int = setting(50, "steps from one checkpoint to the next", minimum=1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -44,6 +44,7 @@ class Task:
 
     Attributes:
         sources: the recordings.
+        files: where each of them lies, in the same order.
         out: the network file.
         start: the network it begins from; None = the package's.
         config: mount, ranges, ground, work area.
@@ -52,9 +53,11 @@ class Task:
         unwanted: areas that nothing is learnt in.
         replay: recordings with true labels to replay.
         command: that goes on after a look at the page.
+        replace: whether a network that other drives or settings taught may be written over.
     """
 
     sources: Sequence[FrameSource]
+    files: Sequence[Path]
     out: Path
     config: Config
     plan: TeachPlan
@@ -63,6 +66,7 @@ class Task:
     unwanted: tuple[WorkArea, ...] = ()
     replay: tuple[Path, ...] = ()
     command: str = ""
+    replace: bool = False
 
     @property
     def folder(self) -> Path:
@@ -79,11 +83,17 @@ class Task:
         found = self.start or bundled_network()
         if found is None:
             raise ModelError("this package holds no network to begin from; name one with --start")
-        if found.absolute() == self.out.absolute():
+        if _same_file(found, self.out):
             raise ConfigError(
                 f"{self.out}: the new network must not replace the one it begins from; name another file"
             )
         return found
+
+    @property
+    def names(self) -> list[str]:
+        """Of the drives, each once: two recordings may have the same."""
+        given = [s.name for s in self.sources]
+        return [n if given.count(n) == 1 else f"{n} ({i})" for i, n in enumerate(given, 1)]
 
 
 @dataclass(frozen=True)
@@ -101,6 +111,7 @@ def label(task: Task, on_frames: OnFrames) -> Labelled:
     """Write labels and page; what is there already, of the same drive and settings, is kept.
 
     Raises:
+        ConfigError: if the network that it would write is there, taught by other drives or settings.
         InputError: for a recording that cannot be learnt from.
         OutputError: if the folder cannot be written.
     """
@@ -109,6 +120,11 @@ def label(task: Task, on_frames: OnFrames) -> Labelled:
         facts = read_json(facts_file, {"digest": str})
         if facts.get("digest") == digest:
             return Labelled(facts, list(facts.get("warnings", [])))
+    if task.out.exists() and not task.replace:
+        raise ConfigError(
+            f"{task.out} is there already, not taught by these drives with these settings; "
+            "name another file, or add --replace"
+        )
     _clear(task.folder)
     segmenter = build_segmenter(replace(task.config.segmenter, name=str(task.start_file)))
     written, judged = Written(), []
@@ -121,8 +137,8 @@ def label(task: Task, on_frames: OnFrames) -> Labelled:
         done += 1
         on_frames(done, total)
 
-    for number, source in enumerate(task.sources):
-        drive = read_drive(source.name, source, segmenter, task.config, task.plan, on_frame)
+    for number, (name, source) in enumerate(zip(task.names, task.sources, strict=True)):
+        drive = read_drive(name, source, segmenter, task.config, task.plan, on_frame)
         doubt = doubt_of(drive)
         ground = ground_of(drive, doubt, task.area, task.unwanted)
         judged.append(JudgedDrive(drive, doubt, ground))
@@ -150,7 +166,7 @@ def label(task: Task, on_frames: OnFrames) -> Labelled:
         ),
         "left_out": {j.drive.name: j.drive.left_out for j in judged},
         "trusted_for_other": [j.ground.trust_other for j in judged],
-        "drives": [s.name for s in task.sources],
+        "drives": task.names,
     }
     write_facts(facts_file, facts)
     return Labelled(facts, told)
@@ -213,13 +229,16 @@ def _taught(task: Task, spec: NetworkSpec, share: float, verdict: Verdict, secon
 
 
 def _digest(task: Task) -> str:
-    """Of everything that shapes the labels: the same again need not be made again."""
+    """Of everything that shapes the labels: the same again need not be made again.
+
+    Recordings count by where they lie and when they were written: many a drive is called the same.
+    """
     plan, config = task.plan, config_to_dict(task.config)
     areas = [
         [ring.tolist() for p in a.polygons for ring in p.rings] for a in (task.area, *task.unwanted) if a
     ]
     said = [
-        [(s.name, s.frame_count) for s in task.sources],
+        [mark for file in task.files for mark in _marks(file)],
         hashlib.sha256(read_bytes(task.start_file)).hexdigest(),
         plan.footprint_m.tolist(),
         plan.leave_out_s,
@@ -228,6 +247,20 @@ def _digest(task: Task) -> str:
         {k: config[k] for k in ("source", "mount", "cloud", "grid", "geometry")},
     ]
     return hashlib.sha256(repr(said).encode()).hexdigest()[:16]
+
+
+def _marks(recording: Path) -> list[tuple[str, int, int]]:
+    """Name, size and time of change of each file of a recording."""
+    if not recording.exists():
+        return [(str(recording), 0, 0)]  # made by its name, as analytic: is
+    inside = [p for p in recording.rglob("*") if p.is_file()] if recording.is_dir() else [recording]
+    stats = [(p, p.stat()) for p in sorted(inside)]
+    return [(str(p.absolute()), s.st_size, s.st_mtime_ns) for p, s in stats]
+
+
+def _same_file(one: Path, two: Path) -> bool:
+    """Whether two names, of which the second need not be there, lead to one file."""
+    return one.resolve() == two.resolve() or (one.exists() and two.exists() and one.samefile(two))
 
 
 def _clear(folder: Path) -> None:

@@ -34,6 +34,8 @@ from swardmap.types import Segmentation
 
 STATISTICS_BATCHES = 8
 """Of 8 views each: enough for the statistics of the batch norms of a network that came from a file."""
+FROZEN_STATISTICS_BATCHES = 2
+"""The same where they stay as they are: then they only shape how fast a weight learns."""
 
 Report = Callable[[Mapping[str, Any]], None]
 
@@ -114,7 +116,8 @@ def _begin(run: Run, root: Path, sets: Sequence[PhotoSet]) -> None:
     path = bundled_network() if start == "auto" else root / start
     if path is None:
         raise ConfigError(f"recipe {run.recipe.name}: start: auto, but this package holds no network")
-    views = (draw_batch(sets, run.recipe, range(8), step) for step in range(STATISTICS_BATCHES))
+    batches = FROZEN_STATISTICS_BATCHES if run.recipe.schedule.frozen_norms else STATISTICS_BATCHES
+    views = (draw_batch(sets, run.recipe, range(8), step) for step in range(batches))
     load_onnx_weights(path, run.network, network_spec(run.recipe), (_tensors(v, run)[0] for v in views))
     run.average = {k: v.detach().clone() for k, v in run.network.state_dict().items()}
 

@@ -1,0 +1,32 @@
+"""What a drive teaches: which weights learn, and how much of what was known is replayed."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from swardmap.teach.learn import teach_recipe
+from swardmap.teach.plan import LearnConfig
+from swardmap.train.recipe import Recipe
+
+pytest.importorskip("torch")
+
+
+def recipe(**changes: float) -> Recipe:
+    learning = replace(LearnConfig(), **changes)  # type: ignore[arg-type]
+    return teach_recipe("my-lawn", Path("lawn.onnx"), "MIT", learning, (), "fp32")
+
+
+@pytest.mark.parametrize("rate", [0.0, 1e-5])
+def test_the_encoder_stays_as_it_is_unless_it_has_a_rate(rate: float) -> None:
+    from swardmap.train.build import build_network
+
+    network = build_network(recipe(encoder_rate=rate), pretrained=False)
+    assert any(p.requires_grad for p in network.encoder.parameters()) == (rate > 0)
+    assert all(p.requires_grad for p in network.decoder.parameters())
+    assert all(p.requires_grad for p in network.segmentation_head.parameters())
+
+
+def test_half_of_the_views_are_of_the_drive() -> None:
+    weights = {d.name: d.weight for d in recipe().data if not d.validation}
+    assert weights["drive"] == pytest.approx(sum(weights.values()) / 2)
