@@ -4,7 +4,8 @@
     python benchmarks/bench_bags.py --against DIR      in turns with another checkout of swardmap
 
 With --against, the other checkout runs in a process of its own on the same files, round by round, and the
-median of the rounds' ratios is told. Time is that of the processor, which other programs do not use up.
+median of the rounds' ratios is told. Frames are counted a second of the processor, which other programs do
+not use up, and a second of the clock. For another commit: `git worktree add --detach DIR COMMIT`.
 """
 
 import argparse
@@ -22,11 +23,11 @@ import numpy as np
 
 ROOT = Path(__file__).parent.parent
 FRAMES, MS, START_NS = 60, 1_000_000, 1_700_000_000_000_000_000
-KINDS = ("rgb8, aligned", "rgb8, not aligned", "yuyv, aligned", "nv12, aligned", "bayer, aligned", "png")
+KINDS = ("rgb8, not packed", "rgb8", "rgb8, not aligned", "yuyv", "nv12", "bayer", "png")
 
 
 def made(kind: str, folder: Path) -> Path:
-    """VGA at 30 Hz with tf at 50 Hz, in chunks of zstd, as `ros2 bag record` and swardmap write them."""
+    """VGA at 30 Hz with tf at 50 Hz, aligned, in chunks of zstd as swardmap writes them; else as named."""
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
     from swardmap.geometry import Intrinsics, mount_pose
@@ -63,7 +64,8 @@ def made(kind: str, folder: Path) -> Path:
         ]
     store, path = bags.typestore("mcap"), folder / kind.replace(", ", "_").replace(" ", "_")
     writer = Writer(path, version=8, storage_plugin=StoragePlugin.MCAP)
-    writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+    if kind != "rgb8, not packed":
+        writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
     connections: dict[str, Any] = {}
     with writer:
         for t, topic, name, fields in sorted(events, key=lambda e: e[0]):
@@ -98,26 +100,39 @@ def color_message(kind: str, rgb: Any, t: int, frame: str) -> tuple[str, str, An
     return topic, image, fields
 
 
-def frames_per_second(path: Path) -> float:
-    """Of a second of the processor, in one pass, opening included; 0 if it cannot be read."""
+def frames_per_second(path: Path) -> tuple[float, float]:
+    """Of a second of the processor and of the clock, in one pass, opening included; 0 if it is refused."""
     from swardmap.config import SourceConfig
     from swardmap.errors import SwardmapError
     from swardmap.io import open_source
 
-    began = time.process_time()
+    busy, began = time.process_time(), time.perf_counter()
     try:
         count = sum(1 for _ in open_source(path, SourceConfig()))
     except SwardmapError:
-        return 0.0
-    return count / (time.process_time() - began)
+        return 0.0, 0.0
+    return count / (time.process_time() - busy), count / (time.perf_counter() - began)
 
 
-def elsewhere(checkout: Path, path: Path) -> float:
+def elsewhere(checkout: Path, path: Path) -> tuple[float, float]:
     """The same, of another checkout, in a process of its own; its first pass warms up and does not count."""
     env = os.environ | {"PYTHONPATH": f"{checkout / 'src'}{os.pathsep}{checkout}"}
     command = [sys.executable, str(Path(__file__).resolve()), "--one", str(path)]
     done = subprocess.run(command, env=env, cwd=checkout, capture_output=True, text=True, check=True)
-    return float(done.stdout)
+    busy, clock = map(float, done.stdout.split())
+    return busy, clock
+
+
+def row(kind: str, ours: list[tuple[float, float]], theirs: list[tuple[float, float]]) -> str:
+    """A line of the table: medians, and the medians of the rounds' ratios."""
+    cells = [kind, *(f"{median(column):.0f}" for column in zip(*ours, strict=True))]
+    if theirs and theirs[0][0] == 0:
+        cells += ["refused", "", "", ""]
+    elif theirs:
+        before = [f"{median(column):.0f}" for column in zip(*theirs, strict=True)]
+        rounds = [(a[0] / b[0], a[1] / b[1]) for a, b in zip(ours, theirs, strict=True)]
+        cells += [*before, *(f"{median(column):.2f}" for column in zip(*rounds, strict=True))]
+    return f"| {' | '.join(cells)} |"
 
 
 def main() -> None:
@@ -131,11 +146,12 @@ def main() -> None:
     args = parser.parse_args()
     if args.one is not None:
         frames_per_second(args.one)
-        print(frames_per_second(args.one))
+        print(*frames_per_second(args.one))
         return
     sys.path.insert(0, str(ROOT))
-    print("| recording (VGA) | frames/s |" + (" before | ratio |" if args.against else ""))
-    print("|---|---:|" + ("---:|---:|" if args.against else ""))
+    heads = ["recording (VGA)", "frames/s, processor", "clock"]
+    heads += ["before, processor", "clock", "ratio, processor", "clock"] if args.against else []
+    print(f"| {' | '.join(heads)} |\n|---|{'---:|' * (len(heads) - 1)}")
     with tempfile.TemporaryDirectory() as folder:
         for kind in KINDS:
             path = made(kind, Path(folder))
@@ -144,12 +160,7 @@ def main() -> None:
                 ours.append(elsewhere(ROOT, path))
                 if args.against:
                     theirs.append(elsewhere(args.against, path))
-            row = f"| {kind} | {median(ours):.0f} |"
-            if args.against:
-                can = theirs[0] > 0
-                ratio = median(a / b for a, b in zip(ours, theirs, strict=True)) if can else 0
-                row += f" {median(theirs):.0f} | {ratio:.2f} |" if can else " refused | |"
-            print(row, flush=True)
+            print(row(kind, ours, theirs), flush=True)
 
 
 if __name__ == "__main__":

@@ -22,14 +22,13 @@ from numpy.typing import NDArray
 
 from swardmap.errors import InputError, SwardmapError, one_line, shortened
 from swardmap.io.files import read_bytes
+from swardmap.io.unpacking import MAX_UNPACKED_BYTES, unzip_member
 from swardmap.types import Frame
 
 Given = ParamSpec("Given")
 Found = TypeVar("Found")
 
 MAX_JSON_BYTES = 2**28
-MAX_UNPACKED_BYTES = 2**30
-"""Of all members of an archive together."""
 MAX_HEADER_BYTES = 10_000
 LAST_LETTER = 0x10FFFF
 
@@ -243,8 +242,8 @@ def open_archive(
 ) -> dict[str, bytes]:
     """Members of a zip archive, stored or deflated, that unpack to no more than `limit` bytes together.
 
-    Members packed with LZMA can unpack to more than they announce before that is noticed: `lzma` lets them
-    in where a digest says already that the content is the expected one.
+    None unpacks to more than it announces. LZMA needs more memory on the way there than the others: `lzma`
+    lets it in where a digest says already that the content is the expected one.
 
     Raises:
         InputError: if it is none, damaged, or a bomb.
@@ -258,7 +257,7 @@ def open_archive(
         for member in members:
             if member.compress_type not in known or member.flag_bits & 1:
                 raise ValueError(f"{shortened(member.filename)} packed in another way or encrypted")
-        return {member.filename: archive.read(member) for member in members}
+        return {member.filename: unzip_member(archive, member) for member in members}
 
 
 def parse_npz(

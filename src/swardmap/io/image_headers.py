@@ -19,7 +19,7 @@ JPEG_FRAMES = frozenset({*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC})
 TIFF_EXTENTS = (273, 279, 324, 325)
 """Tags of where strips and tiles begin and how long they are."""
 JPEG_TAIL = 256
-"""Some cameras pad behind the end."""
+"""Some cameras pad behind the end, with zeros of any length or a little of anything."""
 CHANNELS_OF_PNG = {0: 1, 2: 3, 3: 3, 4: 2, 6: 4}
 
 Size = tuple[int, int, int]
@@ -86,6 +86,8 @@ def _png(content: bytes, name: str) -> Size:
             )
         if zlib.crc32(memoryview(content)[at + 4 : end]) != int.from_bytes(content[end : end + 4]):
             raise InputError(f"{name}: the image is damaged: the checksum of a chunk is wrong; copy it again")
+        if kind == b"IHDR" and size != (0, 0, 0):
+            raise InputError(f"{name}: the image is damaged: it has two headers")
         if kind == b"IHDR":
             width, height, bits, colour = struct.unpack(">IIBB", content[at + 8 : at + 18])
             size = width, height, CHANNELS_OF_PNG.get(colour, 4) * (2 if bits == 16 else 1)
@@ -95,7 +97,7 @@ def _png(content: bytes, name: str) -> Size:
 
 def _jpeg(content: bytes, name: str) -> Size:
     """Follow the segments up to the frame header."""
-    if JPEG_END not in content[-JPEG_TAIL:]:
+    if JPEG_END not in content[-JPEG_TAIL:] and not content.rstrip(b"\0").endswith(JPEG_END):
         raise InputError(f"{name}: the image is truncated ({len(content)} bytes and no end); copy it again")
     at = 2
     while True:
@@ -128,7 +130,10 @@ def _tiff(content: bytes, name: str) -> Size:
     if not _tiff_is_whole(content, order):
         raise InputError(f"{name}: the image is truncated ({len(content)} bytes and no end); copy it again")
     (at,) = struct.unpack(f"{order}I", content[4:8])
-    tags = dict(_tiff_tags(content, at, order))
+    entries = list(_tiff_tags(content, at, order))
+    tags = dict(entries)
+    if len(tags) < len(entries):
+        raise InputError(f"{name}: the image is damaged: it says something twice")
     width, height, bits, channels = (
         tags.get(tag, default) for tag, default in ((256, 0), (257, 0), (258, 8), (277, 1))
     )
@@ -188,7 +193,7 @@ def _webp(content: bytes, name: str) -> Size:
 
 def _pnm(content: bytes, _: str) -> Size:
     words: list[int] = []
-    for line in content[2:1000].split(b"\n"):
+    for line in content[2:1000].splitlines():  # a comment ends where OpenCV says: at either end of a line
         for word in line.split(b"#")[0].split():
             if len(word) > 9 or not word.isdigit():
                 raise ValueError("no number")

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swardmap.io.door import parse_npz, reading
+from swardmap.io.unpacking import unzip_member
 from swardmap.synth.model import Float32Array
 
 FORMAT = "swardmap-garden-assets/1"
@@ -135,10 +136,10 @@ def unpacked_normals(packed: NDArray[np.int8]) -> Float32Array:
 
 
 def _member(bundle: zipfile.ZipFile, name: str, limit: int) -> bytes:
-    size = bundle.getinfo(name).file_size
-    if size > limit:
-        raise ValueError(f"{name}: expected at most {limit} bytes, got {size}")
-    return bundle.read(name)
+    member = bundle.getinfo(name)
+    if member.file_size > limit:
+        raise ValueError(f"{name}: expected at most {limit} bytes, got {member.file_size}")
+    return unzip_member(bundle, member)
 
 
 def _check_names(entries: Mapping[str, Any]) -> None:

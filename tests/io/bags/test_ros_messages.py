@@ -159,7 +159,7 @@ def test_quantised_depth_comes_back() -> None:
     [
         ("16UC1; compressedDepth rvl", b"x" * 40, "RVL"),
         ("16UC1; compressedDepth png", b"", "12-byte header"),
-        ("16UC1; compressedDepth png", b"x" * 40, "no JPEG or PNG"),
+        ("16UC1; compressedDepth png", b"x" * 40, "expected a PNG, JPEG"),
         ("16UC1; compressedDepth png", b"\0" * 12 + cv2.imencode(".png", RGB)[1].tobytes(), "one channel"),
         (
             "32FC1; compressedDepth png",

@@ -19,7 +19,7 @@ from swardmap.io.bags.tf import TransformBuffer
 from swardmap.io.bags.tf_messages import Transform, transforms_of
 from swardmap.io.sources.source import Tally
 
-REASON_TRANSFORM = "transform that is no rotation or not finite"
+REASON_TRANSFORM = "transform that is none"
 REASON_STAMP = "transform whose time is far off from its neighbours'"
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from swardmap.errors import InputError, SwardmapError
+from swardmap.io.bags.bounded_chunks import bound_chunks
 from swardmap.io.bags.mcap_profile import empty_profile_is_ros2
 from swardmap.io.bags.storage import check_file, message_count, storage_files, unpacked, unpacked_message
 
@@ -155,6 +156,7 @@ def open_bag(path: Path) -> Iterator[Bag]:
     from rosbags.rosbag2 import Reader as Reader2
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+    bound_chunks()
     is_ros2 = path.suffix != ".bag" or path.is_dir()
     store = get_typestore(Stores.ROS2_JAZZY if is_ros2 else Stores.ROS1_NOETIC)
     if not is_ros2:

@@ -22,6 +22,8 @@ from swardmap.io.bags.encodings import (
     unfit_size,
 )
 from swardmap.io.bags.rvl import decode_rvl
+from swardmap.io.image_headers import JPEG_START
+from swardmap.io.images import decode
 
 DepthImage = NDArray[np.uint16] | NDArray[np.float32]
 
@@ -138,6 +140,11 @@ def depth_from_compressed(message: Any) -> DepthImage:
     """
     form = message.format
     data = np.frombuffer(message.data, np.uint8)
+    if data[: len(JPEG_START)].tobytes() == JPEG_START:
+        raise InputError(
+            f"compressed depth image '{form}': it is a JPEG, which has 8 bits and rounds distances. Record "
+            "the raw depth, or compressedDepth (PNG or RVL)"
+        )
     headed = data[: len(_PNG)].tobytes() != _PNG
     if headed and data.size <= _DEPTH_HEADER.size:
         raise InputError(f"compressed depth: expected a 12-byte header and a PNG, got {data.size} bytes")
@@ -169,15 +176,7 @@ def _depth_numbers(message: Any, data: NDArray[np.uint8]) -> NDArray[Any]:
 
 
 def _decoded(message: Any, data: NDArray[np.uint8], flags: int) -> NDArray[Any]:
-    import cv2
-
-    try:
-        image = cv2.imdecode(data, flags) if data.size else None
-    except cv2.error:
-        image = None
-    if image is None:
-        raise InputError(f"compressed image '{message.format}': {data.size} bytes that are no JPEG or PNG")
-    return np.asarray(image)
+    return decode(data.tobytes(), f"compressed image '{message.format}'", flags)
 
 
 def pose_from_transform(message: Any) -> Pose:

@@ -7,7 +7,6 @@ recorder was killed metadata.yaml is missing, and messages may lie in SQLite's l
 import re
 import shutil
 import struct
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePath
@@ -17,12 +16,16 @@ from typing import Any
 from swardmap.errors import InputError
 from swardmap.io.bags.mcap_checksums import check_mcap
 from swardmap.io.door import read_yaml, reading
+from swardmap.io.unpacking import unzstd, zstd
 
 METADATA = "metadata.yaml"
 STORAGE = (".db3", ".mcap")
 PACKED = ".zstd"
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 NEWEST_METADATA = 9
+PIECE_BYTES = 2**20
+MAX_MESSAGE_BYTES = 2**29
+"""Far more than the largest image that is read."""
 
 _SERIES = re.compile(r"(.*)_(\d{1,6})")
 """rosbag2 numbers the files of a recording that it splits: NAME_0.mcap, NAME_1.mcap."""
@@ -126,23 +129,27 @@ def unpacked_message(data: bytes) -> bytes:
 
     No CDR message begins as a zstd frame does, so that the metadata need not be asked.
     """
-    return bytes(_zstd().decompress(data)) if data[:4] == ZSTD_MAGIC else data
+    return unzstd(data, MAX_MESSAGE_BYTES) if data[:4] == ZSTD_MAGIC else data
 
 
 def _unpack(file: Path, folder: Path) -> Path:
-    out = folder / file.stem
-    with file.open("rb") as packed, _zstd().open(packed, "rb") as plain, out.open("wb") as written:
-        shutil.copyfileobj(plain, written)
+    """Unpack a file, which may be as large as a drive is long, but may not fill the disk.
+
+    Raises:
+        InputError: if it takes more of the disk than there is to take.
+    """
+    out, written = folder / file.stem, 0
+    room = shutil.disk_usage(folder).free * 9 // 10
+    with file.open("rb") as packed, zstd().open(packed, "rb") as plain, out.open("wb") as unpacked_file:
+        while piece := plain.read(PIECE_BYTES):
+            written += len(piece)
+            if written > room:
+                raise InputError(
+                    f"{file}: unpacks to more than {room} bytes, which is what {folder.parent} has room for. "
+                    "Unpack it elsewhere (`zstd -d`), or name a larger folder with TMPDIR=..."
+                )
+            unpacked_file.write(piece)
     return out
-
-
-def _zstd() -> Any:
-    """The standard library's zstd, or what rosbags takes for it before Python 3.14."""
-    if sys.version_info >= (3, 14):
-        from compression import zstd
-    else:
-        from backports import zstd
-    return zstd
 
 
 def _metadata(path: Path) -> dict[str, Any]:

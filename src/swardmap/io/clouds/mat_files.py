@@ -131,6 +131,8 @@ def _matrix(data: memoryview, order: str, names: tuple[str, ...]) -> tuple[str, 
     values = _numbers(*next(parts, (2, memoryview(b""))), order)
     if len(shape) < 2 or min(shape) < 0 or math.prod(shape) != values.size:
         raise ValueError(f"{name}: expected {shape} numbers, got {values.size}")
+    if values.size * np.dtype(stored).itemsize > MAX_BYTES:  # bytes may stand for numbers of eight
+        raise ValueError(f"{name}: {values.size} numbers take more than {MAX_BYTES} bytes")
     with np.errstate(invalid="ignore", over="ignore"):
         return name, values.astype(stored).reshape(shape, order="F")
 
