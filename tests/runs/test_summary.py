@@ -10,7 +10,7 @@ from swardmap.config import Config, config_from_dict
 from swardmap.errors import InputError
 from swardmap.geometry import Intrinsics, Pose
 from swardmap.runs.recording import map_recording
-from swardmap.runs.summary import report_lines, warnings_of
+from swardmap.runs.summary import pixel_warnings, report_lines, warnings_of
 from swardmap.synth.analytic import AnalyticSource, garden_scene, lane_poses
 
 SMALL = Intrinsics(160, 120, 115.0, 115.0, 79.5, 59.5)
@@ -70,6 +70,20 @@ def test_a_camera_frame_that_looks_like_a_body_is_said(frame: str, warned: bool)
     found = summary(Drive(poses={"from": "tf", "frames": f"map <- odom <- {frame}"}))
     assert any(f"'{frame}', which looks like a body frame" in w for w in found["warnings"]) == warned
     assert f"poses: tf map <- odom <- {frame}" in report_lines(found)
+
+
+def test_how_the_poses_were_found_is_told_with_topic_and_largest_gap() -> None:
+    gaps = {"map <- odom": 20.0, "odom <- base_link": 190.5}
+    found = {"from": "tf", "frames": "map <- odom <- base_link <- lens", "topics": ["/robot1/tf"]}
+    lines = report_lines(summary(Drive(poses={**found, "largest_gap_ms": gaps, "tolerance_ms": 250.0})))
+    told = "of /robot1/tf, gaps of 190.5 ms at most (odom <- base_link; 250 allowed)"
+    assert f"poses: tf map <- odom <- base_link <- lens, {told}" in lines
+
+
+def test_readings_that_the_filter_takes_are_said() -> None:
+    counts = {"pixels": 100, "no_reading": 0, "out_of_range": 0, "out_of_height": 0, "inconsistent": 80}
+    (warning,) = pixel_warnings(counts)
+    assert warning.startswith("80 % of the readings are inconsistent: check cloud.consistent_neighbours")
 
 
 def test_what_was_left_out_is_told_with_the_first_of_each_kind() -> None:

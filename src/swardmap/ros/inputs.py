@@ -4,6 +4,7 @@ Messages are read by attribute, so that those of rclpy and of rosbags do alike. 
 `build_frame`, which the worker calls; the callbacks only sort.
 """
 
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -12,17 +13,19 @@ import numpy as np
 
 from swardmap.config import CloudConfig, SourceConfig
 from swardmap.geometry import Pose
-from swardmap.io.bags.depth_filter import without_flying_pixels
+from swardmap.io.bags.depth_view import DepthView
 from swardmap.io.bags.ros_camera import Calibration, calibration_from_camera_info
 from swardmap.io.bags.ros_messages import stamp_ns
 from swardmap.io.bags.topics import ImageTopic
 from swardmap.io.sources.pairing import COLOR, DEPTH, Pair, Pairer
-from swardmap.perception.align import align_depth_to_color
 from swardmap.rig.rig import RigCamera
 from swardmap.types import Frame
 
 WAITING_IMAGES = 15
 """Images held of each stream while the other is silent: half a second of a fast camera."""
+
+LATEST_PAIRS = 3000
+"""Of so many it is told how far colour and depth are apart: 100 s at 30 Hz."""
 
 SAME_PIXEL = 1e-3
 """Cameras whose numbers differ by less are the same."""
@@ -101,6 +104,11 @@ class LivePairer:
         """Images left out, by reason."""
         return self._pairer.skipped
 
+    @property
+    def first(self) -> dict[str, str]:
+        """The first of each reason in full."""
+        return self._pairer.first
+
     def add(self, kind: str, stamp: int, item: Arrived) -> Iterator[Pair[Arrived]]:
         """Take the next image of one stream; yield the pairs that are now certain, in order of time."""
         before = self._newest.get(kind)
@@ -155,7 +163,10 @@ class CameraInput:
     ) -> None:
         self.name, self.topics = name, topics
         self.without_info = 0
-        self._config, self._cloud = config, cloud or CloudConfig()
+        self.offsets_ns = deque[int](maxlen=LATEST_PAIRS)
+        self._config = config
+        unit_m = config.depth_unit_m
+        self._view = DepthView(topics.depth, cloud or CloudConfig(), unit_m or 0.001, unit_m)
         self._color = ImageTopic(topics.color, is_compressed(topics.color), "", topics.color_info)
         self._depth = ImageTopic(topics.depth, is_compressed(topics.depth), "", topics.depth_info)
         self._calibrations: dict[str, tuple[bytes, Calibration]] = {}
@@ -165,6 +176,11 @@ class CameraInput:
     def skipped(self) -> dict[str, int]:
         """Images left out, by reason."""
         return {**self._pairer.skipped, REASON_INFO: self.without_info}
+
+    @property
+    def first(self) -> dict[str, str]:
+        """The first of each reason in full, since the clock went back last."""
+        return self._pairer.first
 
     @property
     def is_aligned(self) -> bool:
@@ -191,6 +207,7 @@ class CameraInput:
     def add_image(self, kind: str, message: Any, arrival_ns: int) -> Iterator[CameraPair]:
         """Take an image; yield what can now be mapped, once both cameras are known."""
         for pair in self._pairer.add(kind, stamp_ns(message.header.stamp), Arrived(message, arrival_ns)):
+            self.offsets_ns.append(abs(pair.depth_stamp_ns - pair.stamp_ns))
             color, depth = pair.color.message, pair.depth.message
             frames = (self._config.camera_frame or color.header.frame_id, depth.header.frame_id)
             cameras = self._cameras(frames[0] == frames[1])
@@ -215,15 +232,16 @@ class CameraInput:
             InputError: if an image cannot be decoded, or has another size than its CameraInfo.
         """
         rgb = pair.color_camera.rectify_color(self._color.color(pair.color))
-        depth = pair.depth_camera.rectify_depth(self._depth.depth(pair.depth))
-        unit_m = self._config.depth_unit_m or 0.001
-        color, deep = pair.color_camera.intrinsics, pair.depth_camera.intrinsics
-        name, moved = f"{self.name}:{pair.stamp_ns}", T_color_depth is not None or not _same_pixels(pair)
-        if moved:  # after it is rendered into another image, flying pixels agree with their own copies
-            depth = without_flying_pixels(depth, unit_m, self._cloud)
-            T = T_color_depth or Pose.identity("color", "depth")
-            depth = align_depth_to_color(depth, unit_m, deep, color, T)
-        filtered = moved and self._cloud.consistent_neighbours > 0
+        color, name = pair.color_camera.intrinsics, f"{self.name}:{pair.stamp_ns}"
+        camera = pair.depth_camera
+        if T_color_depth is None and not _same_pixels(pair):
+            if self.is_aligned and _same_size(pair):  # some drivers publish the depth sensor's CameraInfo
+                camera = pair.color_camera
+            else:
+                T_color_depth = Pose.identity("color", "depth")
+        depth = self._view.in_metres(self._depth.depth(pair.depth))
+        depth, filtered = self._view.in_color_view(depth, camera, color, T_color_depth)
+        unit_m = self._view.unit_m
         return Frame(
             pair.stamp_ns, color, rgb, depth, unit_m, T_map_camera, name=name, depth_filtered=filtered
         )
@@ -246,6 +264,11 @@ def _info_print(message: Any) -> bytes:
          roi.width, roi.height, *message.k, *message.d, *message.p], np.float64,
     )  # fmt: skip
     return numbers.tobytes() + str(message.distortion_model).encode()
+
+
+def _same_size(pair: CameraPair) -> bool:
+    a, b = pair.color_camera.intrinsics, pair.depth_camera.intrinsics
+    return (a.width, a.height) == (b.width, b.height)
 
 
 def _same_pixels(pair: CameraPair) -> bool:

@@ -94,6 +94,7 @@ class Intake:
         self.first_image_ns: int | None = None
         self._on_new_clock, self._on_refused_stamp = on_new_clock, on_refused_stamp
         self._skipped: Counter[str] = Counter()
+        self._first: dict[str, str] = {}
         self._waiting: deque[CameraPair] = deque()
         self._newest_ns: dict[str, int] = {}
         self._optical: dict[str, str] = {}
@@ -111,6 +112,14 @@ class Intake:
             total += Counter(camera.skipped)
         total[REASON_QUEUE] = self.queue.dropped.total()
         return total
+
+    @property
+    def first(self) -> dict[str, str]:
+        """The first of each reason in full, where more than the reason is known."""
+        told = dict(self._first)
+        for camera in self.inputs.values():
+            told = {**camera.first, **told}
+        return told
 
     def on_info(self, camera: str, kind: str, message: Any) -> None:
         """Take a CameraInfo."""
@@ -169,10 +178,10 @@ class Intake:
                     self._waiting.append(pair)
                     continue
                 self._skipped[REASON_POSE] += 1
-                self.last_error = self.poses.live.missing(pair.color_frame)
+                self._say(REASON_POSE, self.poses.live.missing(pair.color_frame))
             elif self._looks_up:
                 self._skipped[REASON_AXES] += 1
-                self.last_error = self._looks_up
+                self._say(REASON_AXES, self._looks_up)
             self._hand_over(pair, T_map_camera)
 
     def _pose_of(self, pair: CameraPair, overdue: bool) -> Pose | None:
@@ -212,7 +221,11 @@ class Intake:
     def refuse(self, error: SwardmapError) -> None:
         """Count what cannot be used."""
         self._skipped[REASON_DAMAGED] += 1
-        self.last_error = str(error)
+        self._say(REASON_DAMAGED, str(error))
+
+    def _say(self, reason: str, text: str) -> None:
+        self.last_error = text
+        self._first.setdefault(reason, text)
 
     def _hand_over(self, pair: CameraPair, T_map_camera: Pose | None) -> None:
         T_color_depth = self.poses.view_of(pair)

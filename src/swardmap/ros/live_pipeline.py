@@ -74,6 +74,7 @@ class LivePipeline:
         self.events: deque[tuple[Severity, str]] = deque(maxlen=EVENTS)
         self.given = GivenMap(lambda *event: self.events.append(event))
         self._pixels: deque[PixelCounts] = deque(maxlen=JUDGED_FRAMES)
+        self.pixels: PixelCounts | None = None
         self.load, self.stages = Load(), self.mapper.stages
         self.first_map_s: float | None = None
         self._mapped_ns: int | None = None
@@ -142,7 +143,9 @@ class LivePipeline:
             self.first_map_s = max(0, now_ns - first_ns) / 1e9
             self.events.append((Severity.OK, f"first map: {self.first_map_s:.2f} s after the first image"))
         self._mapped_ns, self.intake.body_frame = now_ns, ""
-        self._pixels.append(mapped.step.counts)
+        counts = mapped.step.counts
+        self._pixels.append(counts)
+        self.pixels = counts if self.pixels is None else self.pixels + counts
         self.mapper.observe_mapped(mapped.pair.stamp_ns, now_ns)
 
     def check(self, now_ns: int) -> HealthReport:

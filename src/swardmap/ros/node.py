@@ -11,6 +11,7 @@ from swardmap.errors import SwardmapError
 from swardmap.models import build_segmenter
 from swardmap.monitor.diagnostics import Severity
 from swardmap.ros.bond import Bond
+from swardmap.ros.last_words import last_words
 from swardmap.ros.lifecycle import refuse_wrong_transitions
 from swardmap.ros.live_pipeline import LivePipeline
 from swardmap.ros.map_outputs import Layer, MapOutputs
@@ -168,6 +169,8 @@ class RobotNode:
         pipeline, outputs = self.pipeline, self._outputs
         if pipeline is None or outputs is None:
             return
+        for line in last_words(pipeline):
+            self.log.info(line)
         pipeline.fail("the node is not active")
         self._check()
         self._publish_map(pipeline, outputs, nothing_free=True)

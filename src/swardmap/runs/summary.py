@@ -26,6 +26,12 @@ LOST_PIXELS = (
     ("out_of_height", "out of height (cloud.max_height_m)"),
     ("outside_grid", "beside the grid"),
 )
+LIMITS = (
+    ("out_of_height", "cloud.max_height_m"),
+    ("out_of_range", "cloud.max_range_m"),
+    ("inconsistent", "cloud.consistent_neighbours"),
+)
+"""Limits that should not take most of the readings, and their settings."""
 MOST = 0.5
 """Share of readings from which on a loss is a warning."""
 BODY_FRAMES = ("base", "body", "camera_link", "chassis", "robot")
@@ -202,7 +208,7 @@ def pixel_warnings(pixels: Mapping[str, int]) -> list[str]:
     """
     found: list[str] = []
     readings = pixels.get("pixels", 0) - pixels.get("no_reading", 0)
-    for name, setting in (("out_of_height", "cloud.max_height_m"), ("out_of_range", "cloud.max_range_m")):
+    for name, setting in LIMITS:
         if readings and pixels[name] > MOST * readings:
             found.append(
                 f"{100 * pixels[name] / readings:.0f} % of the readings are {name.replace('_', ' ')}: check "
@@ -222,14 +228,9 @@ def report_lines(summary: Mapping[str, Any]) -> list[str]:
     lines = [f"{summary['frames']} frames mapped with '{summary['segmenter']}'"]
     lines += _left_out(summary)
     source, grid = summary["source"], summary["map"]
-    if "poses" in source and isinstance(source["poses"], dict):
-        poses = source["poses"]
-        lines.append(f"poses: {poses.get('from', 'of the recording')} {poses.get('frames', '')}".rstrip())
-    if isinstance(source.get("pairing"), dict) and source["pairing"].get("pairs"):
-        pairing = source["pairing"]
-        apart = f"{pairing['median_ms']:g} ms apart (median), {pairing['worst_ms']:g} at most"
-        lines.append(f"colour and depth are {apart}")
-    lines += _pixels(summary["pixels"])
+    lines += pose_lines(source.get("poses"))
+    lines += pairing_lines(source.get("pairing"))
+    lines += pixel_lines(summary["pixels"])
     ground = summary["ground"]
     if ground["frames_without"] or ground["frames_carried_over"]:
         lines.append(
@@ -258,15 +259,41 @@ def report_lines(summary: Mapping[str, Any]) -> list[str]:
     return lines
 
 
+def left_out_lines(skipped: Mapping[str, int], firsts: Mapping[str, str]) -> list[str]:
+    """What did not reach the map, by reason, and the first of each reason in full where it is known."""
+    counts = {reason: n for reason, n in skipped.items() if n}
+    if not counts:
+        return []
+    told = [f"  {reason}, the first: {firsts[reason]}" for reason in counts if reason in firsts]
+    return ["left out: " + ", ".join(f"{n} x {reason}" for reason, n in counts.items()), *told]
+
+
+def pose_lines(poses: Any) -> list[str]:
+    """How the poses were found: frames, topics and the largest gap; nothing if the source does not say."""
+    if not isinstance(poses, dict):
+        return []
+    found = f"poses: {poses.get('from', 'of the recording')} {poses.get('frames', '')}".rstrip()
+    if poses.get("topics"):
+        found += f", of {', '.join(poses['topics'])}"
+    if gaps := poses.get("largest_gap_ms"):
+        edge = max(gaps, key=gaps.__getitem__)
+        found += f", gaps of {gaps[edge]:g} ms at most ({edge}; {poses['tolerance_ms']:g} allowed)"
+    return [found]
+
+
+def pairing_lines(pairing: Any) -> list[str]:
+    """How far the images of a pair are apart in time; nothing if there are none."""
+    if not isinstance(pairing, dict) or not pairing.get("pairs"):
+        return []
+    apart = f"{pairing['median_ms']:g} ms apart (median), {pairing['worst_ms']:g} at most"
+    return [f"colour and depth are {apart}"]
+
+
 def _left_out(summary: Mapping[str, Any]) -> list[str]:
     """What the source and the watchdog left out: how often, and the first of each kind in full."""
     told = summary["source"].get("left_out", {})
-    lines = []
-    skipped = {reason: n for reason, n in summary["skipped"].items() if n}
-    if skipped:
-        lines.append("left out: " + ", ".join(f"{n} x {reason}" for reason, n in skipped.items()))
-        firsts = {reason: told[reason]["first"] for reason in skipped if "first" in told.get(reason, {})}
-        lines += [f"  {reason}, the first: {first}" for reason, first in firsts.items()]
+    firsts = {reason: of["first"] for reason, of in told.items() if "first" in of}
+    lines = left_out_lines(summary["skipped"], firsts)
     watchdog = summary["watchdog"]
     if watchdog["refused"]:
         first = _firsts({k: v for k, v in watchdog["first"].items() if k != Fault.UNFAMILIAR})
@@ -289,7 +316,7 @@ def _refused(watchdog: Mapping[str, Any]) -> str:
     return ", ".join(f"{n} x {fault}" for fault, n in watchdog["faults"].items() if fault != Fault.UNFAMILIAR)
 
 
-def _pixels(pixels: Mapping[str, int]) -> list[str]:
+def pixel_lines(pixels: Mapping[str, int]) -> list[str]:
     """Where the pixels went, if most of them are not in the map."""
     total = pixels.get("pixels", 0)
     if not total or pixels["used"] >= MOST * total:

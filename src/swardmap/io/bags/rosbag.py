@@ -85,7 +85,7 @@ class Recording:
         """
         for note in self.plan.notes:
             tally.note(note)
-        builder, labels = FrameBuilder(self.plan, self.cloud), LabelStore()
+        builder, labels = FrameBuilder.of(self.plan, self.cloud), LabelStore()
         with open_bag(self.path) as bag:
             poses = self._poses(bag, tally)
             tally.facts["images"] = builder.facts
@@ -123,7 +123,7 @@ class Recording:
         except InputError as error:
             tally.skip(REASON_DAMAGED, str(error))
             return
-        builder.check_unit(depth)
+        depth = builder.view.in_metres(depth)
         try:
             frame = builder.build(pair.stamp_ns, rgb, depth, mask, pose, f"{index:06d}")
         except (InputError, InvalidValueError) as error:
