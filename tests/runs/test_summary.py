@@ -70,6 +70,10 @@ def test_a_camera_frame_that_looks_like_a_body_is_said(frame: str, warned: bool)
     found = summary(Drive(poses={"from": "tf", "frames": f"map <- odom <- {frame}"}))
     assert any(f"'{frame}', which looks like a body frame" in w for w in found["warnings"]) == warned
     assert f"poses: tf map <- odom <- {frame}" in report_lines(found)
+    told = summary(
+        Drive(poses={"from": "tf", "frames": f"map <- odom <- {frame}"}), source={"camera_axes": "body"}
+    )
+    assert not any("body frame" in w for w in told["warnings"]), "it was asked, and answered"
 
 
 def test_how_the_poses_were_found_is_told_with_topic_and_largest_gap() -> None:

@@ -176,7 +176,10 @@ def warnings_of(summary: Mapping[str, Any]) -> list[str]:
     if posed and (grid is None or grid["cells"]["grass"] == 0):
         found.append("no lawn was seen: check the segmenter, and the pose of the camera over the ground")
     frame = _camera_frame(summary["source"])
-    if any(word in frame.lower() for word in BODY_FRAMES) and "optical" not in frame.lower():
+    meant = (
+        summary["config"]["source"]["camera_axes"] != "auto"
+    )  # who says which axes it has was asked before
+    if not meant and any(word in frame.lower() for word in BODY_FRAMES) and "optical" not in frame.lower():
         found.append(
             f"the images are of frame '{frame}', which looks like a body frame: z of a camera looks forward; "
             "name the optical frame with source.camera_frame"

@@ -270,6 +270,8 @@ def test_images_whose_names_do_not_agree_are_asked_for(frames: list[Frame], tmp_
         assert found[0].stamp_ns == T0_NS
     with pytest.raises(ConfigError, match=r"source\.color_files"):
         opened(tmp_path, "format=images")()
+    with pytest.raises(ConfigError, match=r"the camera is not said: --set source\.intrinsics"):
+        opened(tmp_path, *PATTERNS[:-1])()
     with pytest.raises(InputError, match="no file fits 'c/"):
         opened(tmp_path, *PATTERNS, "color_files=c/*.png")()
     with pytest.raises(InputError, match="inside"):

@@ -41,11 +41,13 @@ def open_source(path: Path, config: SourceConfig) -> Source:
         ConfigError: if a pattern or the camera is not said.
         InputError: if no file fits, or it is not certain what belongs together.
     """
-    if config.color_files is None or config.depth_files is None or config.intrinsics is None:
+    if config.color_files is None or config.depth_files is None:
         raise ConfigError(
-            "images by pattern: expected source.color_files, source.depth_files (such as 'depth/*.png') and "
-            "source.intrinsics=[fx,fy,cx,cy]"
+            "images by pattern: expected source.color_files and source.depth_files (--rgb and --depth), such "
+            "as 'depth/*.png'"
         )
+    if config.intrinsics is None:
+        raise ConfigError("images by pattern: the camera is not said: --set source.intrinsics=[fx,fy,cx,cy]")
     colors, depths = (_files(path, pattern) for pattern in (config.color_files, config.depth_files))
     pairs = _paired(path, colors, depths, config)
     poses = None if config.poses_file is None else read_trajectory(inside(path, config.poses_file))
