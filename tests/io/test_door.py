@@ -127,11 +127,21 @@ def test_no_second_size_hides_the_one_that_is_decoded(lie: Callable[[NDArray[np.
         check_image(lie(IMAGE), "x", max_pixels=900)
 
 
-def test_jpegs_that_cameras_pad_with_zeros_are_whole() -> None:
+@pytest.mark.parametrize("padding", [bytes(5000), b"\x5a\xff" * 2500])
+def test_jpegs_that_cameras_pad_are_whole(padding: bytes) -> None:
     content = encoded(".jpg")
-    assert decode(content + bytes(5000), "x").shape == IMAGE.shape
+    assert decode(content + padding, "x").shape == IMAGE.shape
     with pytest.raises(InputError, match="truncated"):
-        decode(content[: len(content) // 2] + bytes(5000), "x")
+        decode(content[: len(content) // 2] + padding, "x")
+
+
+def test_the_end_of_a_thumbnail_is_no_end() -> None:
+    content = encoded(".jpg")
+    thumbnail = b"\xff\xe1" + struct.pack(">H", 2 + 400) + content[:398] + b"\xff\xd9"
+    whole = content[:2] + thumbnail + content[2:]
+    assert decode(whole, "x").shape == IMAGE.shape
+    with pytest.raises(InputError, match="truncated"):
+        check_image(whole[: 2 + len(thumbnail) + len(content) // 2], "x")
 
 
 @given(

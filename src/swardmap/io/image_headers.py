@@ -18,8 +18,6 @@ JPEG_START, JPEG_END = b"\xff\xd8\xff", b"\xff\xd9"
 JPEG_FRAMES = frozenset({*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC})
 TIFF_EXTENTS = (273, 279, 324, 325)
 """Tags of where strips and tiles begin and how long they are."""
-JPEG_TAIL = 256
-"""Some cameras pad behind the end, with zeros of any length or a little of anything."""
 CHANNELS_OF_PNG = {0: 1, 2: 3, 3: 3, 4: 2, 6: 4}
 
 Size = tuple[int, int, int]
@@ -96,10 +94,8 @@ def _png(content: bytes, name: str) -> Size:
 
 
 def _jpeg(content: bytes, name: str) -> Size:
-    """Follow the segments up to the frame header."""
-    if JPEG_END not in content[-JPEG_TAIL:] and not content.rstrip(b"\0").endswith(JPEG_END):
-        raise InputError(f"{name}: the image is truncated ({len(content)} bytes and no end); copy it again")
-    at = 2
+    """Follow the segments to the pixels, behind which the end must come; cameras may pad it."""
+    at, size = 2, (0, 0, 0)
     while True:
         while content[at] == 0xFF and content[at + 1] == 0xFF:
             at += 1
@@ -107,12 +103,17 @@ def _jpeg(content: bytes, name: str) -> Size:
             raise ValueError("no segment")
         marker = content[at + 1]
         if marker in JPEG_FRAMES:
+            if size != (0, 0, 0):
+                raise ValueError("two headers")
             _, bits, height, width, channels = struct.unpack(">HBHHB", content[at + 2 : at + 10])
-            return width, height, (1 if channels == 1 else 3) * (2 if bits > 8 else 1)
+            size = width, height, (1 if channels == 1 else 3) * (2 if bits > 8 else 1)
         if marker == 0xDA:
-            raise ValueError("pixels before their header")
+            break
         alone = marker == 0x01 or 0xD0 <= marker <= 0xD8
         at += 2 if alone else 2 + max(2, int.from_bytes(content[at + 2 : at + 4]))
+    if content.find(JPEG_END, at) < 0:  # among pixels a byte of 0xFF is followed by 0
+        raise InputError(f"{name}: the image is truncated ({len(content)} bytes and no end); copy it again")
+    return size
 
 
 def _bmp(content: bytes, name: str) -> Size:
