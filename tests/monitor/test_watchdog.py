@@ -355,7 +355,6 @@ def test_latencies_are_exact_order_statistics(latencies: list[int]) -> None:
     values = np.array(latencies)
     assert found.p50_ms * 1e6 == pytest.approx(np.percentile(values, 50, method="inverted_cdf"))
     assert found.p99_ms * 1e6 == pytest.approx(np.percentile(values, 99, method="inverted_cdf"))
-    assert found.max_ms * 1e6 == pytest.approx(values.max())
     assert found.count == len(latencies)
 
 

@@ -12,10 +12,15 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from swardmap.geometry import Intrinsics
 from swardmap.grid import GridSpec, OccupancyGrid
-from swardmap.io.bags.ros_fields import camera_info_fields, image_fields, rosbags_message
+from swardmap.io.bags.ros_fields import (
+    camera_info_fields,
+    image_fields,
+    occupancy_grid_fields,
+    rosbags_message,
+)
 from swardmap.io.bags.ros_messages import image_array
 from swardmap.labels import GRASS_OBSTACLE_PERSON
-from swardmap.mapping.costmap import Costmap, occupancy_from_costs
+from swardmap.mapping.costmap import occupancy_from_costs
 from swardmap.ros import messages as m
 from swardmap.types import Segmentation
 
@@ -43,14 +48,17 @@ def received(name: str, fields: dict[str, Any]) -> Any:
 
 
 def test_a_map_and_its_costs_arrive_as_nav2_has_them() -> None:
-    grid = received("nav_msgs/msg/OccupancyGrid", m.map_fields(OccupancyGrid(SPEC, CLASSES), 1_500_000_000))
+    values = OccupancyGrid(SPEC, CLASSES).nav_values
+    fields = occupancy_grid_fields(values, SPEC, 1_500_000_000, SPEC.frame_id)
+    grid = received("nav_msgs/msg/OccupancyGrid", fields)
     assert grid.data.tolist() == [-1, 0, 100, 100, 0, 0, -1, 100, 100, -1, 0, 0]
     assert (grid.info.width, grid.info.height) == (4, 3)
     assert grid.info.resolution == np.float32(0.1)
     assert (grid.info.origin.position.x, grid.info.origin.position.y) == (-1.0, 2.0)
     assert (grid.header.frame_id, grid.header.stamp.sec, grid.header.stamp.nanosec) == ("map", 1, 500_000_000)
     costs = np.array([[0, 1, 50, 127], [128, 251, 252, 253], [254, 255, 0, 0]], np.uint8)
-    cost = received("nav_msgs/msg/OccupancyGrid", m.costmap_fields(Costmap(SPEC, costs), 0))
+    fields = occupancy_grid_fields(occupancy_from_costs(costs), SPEC, 0, SPEC.frame_id)
+    cost = received("nav_msgs/msg/OccupancyGrid", fields)
     # nav2_costmap_2d/src/costmap_2d_publisher.cpp
     assert cost.data.tolist() == [0, 1, 19, 49, 50, 97, 98, 99, 100, -1, 0, 0]
 
@@ -134,7 +142,10 @@ def test_rclpy_writes_what_rosbags_writes(name: str) -> None:
             camera_info_fields(Intrinsics(8, 6, 5.0, 5.5, 3.5, 2.5), 9, "c"),
             "sensor_msgs/msg/CameraInfo",
         ),
-        "grid": (m.map_fields(OccupancyGrid(SPEC, CLASSES), 3), "nav_msgs/msg/OccupancyGrid"),
+        "grid": (
+            occupancy_grid_fields(OccupancyGrid(SPEC, CLASSES).nav_values, SPEC, 3, "map"),
+            "nav_msgs/msg/OccupancyGrid",
+        ),
         "cloud": (
             point_cloud_fields(rng.random((7, 3), np.float32), np.arange(7, dtype=np.uint8), 4, "c"),
             "sensor_msgs/msg/PointCloud2",

@@ -19,7 +19,6 @@ from swardmap.synth.shapes import (
     model_of,
     moved,
     placed,
-    prism,
     sphere,
     tube,
 )
@@ -41,7 +40,6 @@ SOLIDS: dict[str, tuple[Mesh, float]] = {
     "box": (box((1, 2, 3)), 6.0),
     "cylinder": (cylinder(0.5, 2.0, 24), 2 * polygon_area(24, 0.5)),
     "cone": (cylinder(0.5, 2.0, 24, 0.0), 2 / 3 * polygon_area(24, 0.5)),
-    "prism": (prism([(0, 0), (2, 0), (2, 1)], 3.0), 3.0),
     "beam": (beam((0, 0, 0), (1, 2, 3), (0.1, 0.2)), 0.02 * 14**0.5),
     "level beam": (beam((0, 0, 1), (4, 0, 1), (0.1, 0.2)), 0.08),
     "steep beam": (beam((0, 0, 0), (0, 0, 4), (0.1, 0.2)), 0.08),
@@ -148,7 +146,5 @@ def test_what_cannot_be_made_is_refused() -> None:
         tube([(0, 0, 0)], 0.1)
     with pytest.raises(InvalidValueError, match="two points that differ"):
         beam((1, 1, 1), (1, 1, 1), (0.1, 0.1))
-    with pytest.raises(InvalidValueError, match="at least 3 x 2"):
-        prism([(0, 0), (1, 0)], 1.0)
     with pytest.raises(InvalidValueError, match="faces of 3 vertices"):
         mesh_of(np.eye(3), np.eye(3), np.zeros((3, 2)), [[0, 1, 3]])

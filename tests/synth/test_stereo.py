@@ -10,7 +10,13 @@ from numpy.typing import NDArray
 
 from swardmap.errors import ConfigError, InvalidValueError
 from swardmap.synth.config import StereoConfig
-from swardmap.synth.sensor.stereo import StereoModel, draw_stereo, noise_table, occluded, stereo_depth
+from swardmap.synth.sensor.stereo import (
+    StereoModel,
+    draw_stereo,
+    literature_sigma_m,
+    occluded,
+    stereo_depth,
+)
 
 F, B = 424.0, 0.05
 IDEAL = StereoModel(subpixel_px=0, dropout=0, flying=0, speckle_px=0, step_px=1 / 256)
@@ -183,11 +189,15 @@ def test_sensors_are_drawn_within_their_ranges() -> None:
 
 
 def test_the_ranges_enclose_what_was_measured_on_a_real_d435() -> None:
-    for row in noise_table((1.0, 2.0, 3.0)):
-        assert row["rms_m"] == pytest.approx(row["stated_m"], rel=0.08)
-        low, high = (StereoModel(subpixel_px=s).sigma_m(row["z_m"]) for s in StereoConfig().subpixel_px)
-        assert 0.85 * low < row["literature_m"] < high
-    assert noise_table((2.0,))[0]["stated_m"] < 0.02 * 2.0  # the data sheet: at most 2 % at 2 m
+    model, gray = StereoModel(), textured((480, 640))
+    for z in (1.0, 2.0, 3.0):
+        seen = (
+            stereo_depth(np.full(gray.shape, z), gray, model.focal_px, model, np.random.default_rng(0)) * 1e-3
+        )
+        assert seen[seen > 0].std() == pytest.approx(model.sigma_m(z), rel=0.08)
+        low, high = (StereoModel(subpixel_px=s).sigma_m(z) for s in StereoConfig().subpixel_px)
+        assert 0.85 * low < literature_sigma_m(z) < high
+    assert model.sigma_m(2.0) < 0.02 * 2.0  # the data sheet: at most 2 % at 2 m
 
 
 def test_steps_too_small_to_count_are_refused() -> None:

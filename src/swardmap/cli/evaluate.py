@@ -14,16 +14,19 @@ from swardmap.cli.options import (
     ConfigFile,
     Depth,
     Json,
+    Kind,
     Overwrite,
     Poses,
     Provider,
     Rgb,
+    SegmenterName,
     Settings,
     image_flags,
     meanings,
     provider_name,
     settings,
     tell_guesses,
+    with_flags,
 )
 from swardmap.cli.progress import Progress
 from swardmap.errors import InputError
@@ -59,13 +62,11 @@ def evaluate_command(
         str, typer.Argument(help="Recording with true labels, or analytic:scenes=4,frames=25.")
     ],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results; a run there is resumed.")],
-    kind: Annotated[
-        str | None, typer.Option("--format", help="Kind of recording, if it is not recognised.")
-    ] = None,
+    kind: Kind = None,
     rgb: Rgb = None,
     depth: Depth = None,
     poses: Poses = None,
-    segmenter: Annotated[str | None, typer.Option(help="auto, colour, truth, or an .onnx file.")] = None,
+    segmenter: SegmenterName = None,
     provider: Provider = None,
     clean: Annotated[
         Path | None, typer.Option(help="The same recording with clean depth, for the error budget.")
@@ -124,8 +125,7 @@ def evaluate_command(
         "source.format": kind, **image_flags(rgb, depth, poses),
         "segmenter.name": segmenter, "segmenter.provider": provider_name(provider),
     }  # fmt: skip
-    named = [f"{key}={json.dumps(value)}" for key, value in flags.items() if value is not None]
-    chosen = settings(config, [*(set_ or []), *named])
+    chosen = settings(config, with_flags(set_, flags))
 
     from swardmap.eval.budget import PoseNoise
     from swardmap.eval.dataset import DatasetSpec, true_masks

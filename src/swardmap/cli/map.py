@@ -12,14 +12,17 @@ from swardmap.cli.options import (
     ConfigFile,
     Depth,
     Json,
+    Kind,
     Overwrite,
     Poses,
     Provider,
     Rgb,
+    SegmenterName,
     Settings,
     image_flags,
     provider_name,
     settings,
+    with_flags,
 )
 from swardmap.cli.progress import Progress
 from swardmap.config import Config, config_to_dict
@@ -47,13 +50,11 @@ def map_command(
         ),
     ],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.", readable=False)],
-    kind: Annotated[
-        str | None, typer.Option("--format", help="Kind of recording, if it is not recognised.")
-    ] = None,
+    kind: Kind = None,
     rgb: Rgb = None,
     depth: Depth = None,
     poses: Poses = None,
-    segmenter: Annotated[str | None, typer.Option(help="auto, colour, truth, or an .onnx file.")] = None,
+    segmenter: SegmenterName = None,
     provider: Provider = None,
     resolution: Annotated[float | None, typer.Option(help="Edge of a map cell in metres.")] = None,
     margin: Annotated[
@@ -91,12 +92,7 @@ def map_command(
         "costmap.margin_m": margin, "output.pictures": pictures, "output.clouds": clouds,
         **({} if resume_map is None else {"grid.mode": "log_odds", "grid.resume": str(resume_map)}),
     }  # fmt: skip
-    # the named options are the last word: they are the most explicit ones
-    overrides = [
-        *(set_ or []),
-        *(f"{key}={json.dumps(value)}" for key, value in flags.items() if value is not None),
-    ]
-    chosen = settings(config, overrides)
+    chosen = settings(config, with_flags(set_, flags))
     resumed = [] if resume_map is None else _mode_notes(settings(config, set_ or []), chosen)
 
     if len(sources) > 1:

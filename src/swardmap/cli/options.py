@@ -1,10 +1,11 @@
 """Options that several verbs share."""
 
+import json
 import os
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -31,6 +32,10 @@ Classes = Annotated[
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON, for programs.")]
+Kind = Annotated[str | None, typer.Option("--format", help="Kind of recording, if it is not recognised.")]
+SegmenterName = Annotated[
+    str | None, typer.Option("--segmenter", help="auto, colour, truth, or an .onnx file.")
+]
 Provider = Annotated[
     str | None,
     typer.Option(
@@ -41,6 +46,7 @@ PROVIDERS = {
     "cpu": "CPUExecutionProvider", "openvino": "OpenVINOExecutionProvider", "cuda": "CUDAExecutionProvider",
 }  # fmt: skip
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace OUT if swardmap made it.")]
+OverwriteFile = Annotated[bool, typer.Option("--overwrite", help="Replace the file if it exists.")]
 
 Rgb = Annotated[
     str | None, typer.Option("--rgb", help="Images by pattern: of the colour images, such as 'rgb/*.jpg'.")
@@ -63,6 +69,11 @@ def image_flags(rgb: str | None, depth: str | None, poses: str | None) -> dict[s
         "source.format": "images", "source.color_files": rgb, "source.depth_files": depth,
         "source.poses_file": poses,
     }  # fmt: skip
+
+
+def with_flags(set_: list[str] | None, flags: Mapping[str, Any]) -> list[str]:
+    """What --set says, then the named options that were given: the most explicit are the last word."""
+    return [*(set_ or []), *(f"{k}={json.dumps(value)}" for k, value in flags.items() if value is not None)]
 
 
 def settings(file: Path | None, overrides: list[str]) -> Config:

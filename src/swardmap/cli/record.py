@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from swardmap.cli.live import Duration, Frames, tell_how_it_ended, until_stopped
-from swardmap.cli.options import ConfigFile, Json, Settings, settings
+from swardmap.cli.options import ConfigFile, Json, Kind, OverwriteFile, Settings, settings, with_flags
 from swardmap.cli.progress import Progress
 from swardmap.errors import InputError
 
@@ -34,19 +34,17 @@ def record_command(
     duration: Duration = None,
     images: Annotated[str, typer.Option(help="Colour: raw or png, both without loss, or jpeg.")] = "raw",
     depth: Annotated[str, typer.Option(help="Depth: raw or png, both without loss.")] = "raw",
-    kind: Annotated[
-        str | None, typer.Option("--format", help="Kind of recording, if it is not recognised.")
-    ] = None,
+    kind: Kind = None,
     config: ConfigFile = None,
     set_: Settings = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file if it exists.")] = False,
+    overwrite: OverwriteFile = False,
     as_json: Json = False,
 ) -> None:
     """Record a live camera, or any other source, to an MCAP file for swardmap, Foxglove and `ros2 bag`.
 
     The file appears when it is whole. Ctrl-C ends it with the frames that came.
     """
-    chosen = settings(config, [*(set_ or []), *([f"source.format={kind}"] if kind else [])])
+    chosen = settings(config, with_flags(set_, {"source.format": kind}))
 
     from swardmap.io import is_live, open_source
     from swardmap.io.bags.mcap_writer import record

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from swardmap.cli.options import Json, Overwrite
+from swardmap.cli.options import Json, Overwrite, with_flags
 from swardmap.cli.progress import Progress
 from swardmap.errors import InputError
 
@@ -61,9 +61,7 @@ def synth(
     from swardmap.synth.plan import SynthPlan
 
     flags = {"rig.width": width, "rig.height": height, "rig.samples": samples, "stereo.enabled": sensor}
-    # the named options are the last word: they are the most explicit ones
-    named = [f"{key}={json.dumps(value)}" for key, value in flags.items() if value is not None]
-    chosen = load_synth_config(config, [*(set_ or []), *named])
+    chosen = load_synth_config(config, with_flags(set_, flags))
     if settings:
         print(to_yaml(chosen), end="")
         return

@@ -9,7 +9,16 @@ from typing import Annotated, Any
 import typer
 
 from swardmap.cli.live import Duration, Frames, tell_how_it_ended, until_stopped
-from swardmap.cli.options import ConfigFile, Json, Settings, settings
+from swardmap.cli.options import (
+    ConfigFile,
+    Json,
+    Kind,
+    OverwriteFile,
+    SegmenterName,
+    Settings,
+    settings,
+    with_flags,
+)
 from swardmap.cli.progress import Progress
 from swardmap.pipeline import StepResult
 
@@ -33,26 +42,23 @@ def view_command(
     connect: Annotated[
         str | None, typer.Option(metavar="URL", help="Send to a viewer that runs, in place of a new one.")
     ] = None,
-    segmenter: Annotated[str | None, typer.Option(help="auto, colour, truth, or an .onnx file.")] = None,
+    segmenter: SegmenterName = None,
     jpeg: Annotated[
         int | None, typer.Option(min=1, max=100, help="Quality of photos as JPEG; without it they are raw.")
     ] = None,
     frames: Frames = None,
     duration: Duration = None,
-    kind: Annotated[
-        str | None, typer.Option("--format", help="Kind of recording, if it is not recognised.")
-    ] = None,
+    kind: Kind = None,
     config: ConfigFile = None,
     set_: Settings = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file if it exists.")] = False,
+    overwrite: OverwriteFile = False,
     as_json: Json = False,
 ) -> None:
     """Map a recording or a live camera and watch it: photo, mask, depth, cloud, map, margin, timings."""
     if save is not None and connect is not None:
         raise typer.BadParameter("expected --save or --connect, got both")
     flags = {"source.format": kind, "segmenter.name": segmenter}
-    named = [f"{key}={json.dumps(value)}" for key, value in flags.items() if value is not None]
-    chosen = settings(config, [*(set_ or []), *named])
+    chosen = settings(config, with_flags(set_, flags))
 
     from swardmap.io import is_live, open_source
     from swardmap.io.sources.limited import LimitedSource

@@ -47,7 +47,6 @@ class Metric:
         title: what a person reads, without the unit.
         unit: `%` (a share, told in percent), `m`, or empty for a plain ratio.
         take: the two sums; the value is undefined where the second is 0.
-        higher_is_better: whether a larger value is a better map.
         decimals: that are told.
         headline: among what a safety engineer reads first; told with an interval by sequence.
     """
@@ -56,7 +55,6 @@ class Metric:
     title: str
     unit: str
     take: Callable[[Tallies], Pair]
-    higher_is_better: bool = False
     decimals: int = 2
     headline: bool = False
 
@@ -156,14 +154,14 @@ METRICS: tuple[Metric, ...] = (
     Metric("free_near", "called free within 5 m", "%", _counts("obstacle_free_near", "obstacle_near"),
            headline=True),
     Metric("lawn_kept_near", "lawn kept within 5 m", "%", _counts("lawn_kept_near", "lawn_near"),
-           higher_is_better=True, headline=True),
+           headline=True),
     Metric("lawn_marked", "lawn marked, margin included", "%", _counts("lawn_marked", "lawn")),
     *(Metric(f"{group}_free", f"{title} called free", "%", _counts(f"{group}_free", group))
       for group, title in (("standing", "cells over 5 cm"), ("flat", "flat areas"), ("water", "water"))),
     Metric("unjudged_cells", "obstacle cells left out of the truth by height", "%",
            lambda t: (t.safety.count("unjudged_cells"),
                       t.safety.count("unjudged_cells") + t.safety.count("obstacle"))),
-    Metric("pixels_right", "pixels right", "%", _pixels_right, higher_is_better=True),
+    Metric("pixels_right", "pixels right", "%", _pixels_right),
     Metric("obstacle_called_free", "obstacle cells called free", "%", _called_free),
     Metric("person_called_free", "person cells called free", "%", _person_called_free),
     Metric("obstacle_not_seen", "obstacle cells not seen", "%", _not_seen),

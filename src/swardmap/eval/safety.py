@@ -211,9 +211,6 @@ def _corridor_counts(seen: _Seen, things: TrueThings) -> Counter[str]:
     )
 
 
-UNJUDGED = ("out_of_range", "above", "below")
-
-
 def unjudged(
     pixels: TruePixels, cells: NDArray[np.int64], labels: NDArray[np.uint8], label_set: LabelSet
 ) -> dict[str, int]:

@@ -87,7 +87,6 @@ class Latency:
     count: int
     p50_ms: float
     p99_ms: float
-    max_ms: float
 
 
 @dataclass(frozen=True, slots=True)

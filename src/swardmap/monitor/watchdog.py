@@ -159,4 +159,4 @@ class Watchdog:
         if not values:
             return None
         p50, p99 = (values[-(-len(values) * share // 100) - 1] for share in (50, 99))
-        return Latency(len(values), p50 / 1e6, p99 / 1e6, values[-1] / 1e6)
+        return Latency(len(values), p50 / 1e6, p99 / 1e6)

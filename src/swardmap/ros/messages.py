@@ -13,15 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swardmap.grid import GridSpec, OccupancyGrid
-from swardmap.io.bags.ros_fields import (
-    Fields,
-    header_fields,
-    image_fields,
-    occupancy_grid_fields,
-)
+from swardmap.grid import GridSpec
+from swardmap.io.bags.ros_fields import Fields, header_fields, image_fields
 from swardmap.labels import VOID_ID, LabelSet
-from swardmap.mapping.costmap import Costmap, occupancy_from_costs
 from swardmap.types import Segmentation
 
 Rectangle = tuple[int, int, int, int]
@@ -98,17 +92,6 @@ def label_info_fields(label_set: LabelSet, stamp_ns: int, frame_id: str) -> Fiel
 def label_info_json(label_set: LabelSet) -> str:
     """The same as JSON, for a ROS without vision_msgs: id, name and role of each class, void too."""
     return json.dumps([{"class_id": c.id, "class_name": c.name, "role": c.role} for c in label_set.classes])
-
-
-def map_fields(grid: OccupancyGrid, stamp_ns: int) -> Fields:
-    """nav_msgs/OccupancyGrid of the map: unknown -1, grass 0, obstacle and person 100."""
-    return occupancy_grid_fields(grid.nav_values, grid.spec, stamp_ns, grid.spec.frame_id)
-
-
-def costmap_fields(costmap: Costmap, stamp_ns: int) -> Fields:
-    """nav_msgs/OccupancyGrid of the costs, as Nav2 publishes its own: 253 -> 99, 254 -> 100, 255 -> -1."""
-    values = occupancy_from_costs(costmap.costs)
-    return occupancy_grid_fields(values, costmap.spec, stamp_ns, costmap.spec.frame_id)
 
 
 def changed_rectangle(before: NDArray[Any], after: NDArray[Any]) -> Rectangle | None:

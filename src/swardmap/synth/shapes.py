@@ -205,37 +205,6 @@ def beam(
     return moved(centred, T)
 
 
-def prism(outline_m: ArrayLike, height_m: float, material: Material | None = None) -> Mesh:
-    """A convex outline (k x 2, counter-clockwise) pulled up from z = 0."""
-    outline = np.asarray(outline_m, np.float64)
-    k = len(outline)
-    if outline.shape != (k, 2) or k < 3:
-        raise InvalidValueError(f"prism: expected an outline of at least 3 x 2, got {outline.shape}")
-    after = np.roll(outline, -1, axis=0)
-    edge = after - outline
-    length = np.linalg.norm(edge, axis=1)
-    flat = np.stack((edge[:, 1], -edge[:, 0], np.zeros(k)), axis=1) / np.maximum(length, 1e-12)[:, None]
-    z = np.array([0.0, 0.0, height_m, height_m])
-    ends = np.stack((outline, after, after, outline), axis=1)
-    sides = np.concatenate([ends, np.broadcast_to(z[None, :, None], (k, 4, 1))], axis=2)
-    u = np.stack((np.zeros(k), length, length, np.zeros(k)), axis=1)
-    side_uv = np.stack((u, np.broadcast_to(z, (k, 4))), axis=-1)
-    quads = np.arange(4 * k).reshape(k, 4)
-    walls = mesh_of(
-        sides, np.repeat(flat, 4, axis=0), side_uv,
-        np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]), material,
-    )  # fmt: skip
-    i = np.arange(1, k - 1)
-    parts = [walls]
-    for z0, up in ((0.0, -1.0), (height_m, 1.0)):
-        fan = np.stack(
-            (np.zeros(k - 2, np.intp), i, i + 1) if up > 0 else (np.zeros(k - 2, np.intp), i + 1, i), 1
-        )
-        xyz = np.concatenate([outline, np.full((k, 1), z0)], axis=1)
-        parts.append(mesh_of(xyz, np.tile([0, 0, up], (k, 1)), outline, fan, material))
-    return joined(parts)
-
-
 def cards(
     centres_m: ArrayLike, normals: ArrayLike, size_m: ArrayLike, turn_rad: ArrayLike,
     shading: ArrayLike | None = None, material: Material | None = None,

@@ -295,17 +295,16 @@ def test_poses_round_trip(kind: bags.Kind) -> None:
     matrix[:3, :3] = Rotation.from_euler("xyz", [10, 20, 30], degrees=True).as_matrix()
     matrix[:3, 3] = [1, 2, 3]
     pose = Pose("odom", "base", matrix)
-    odometry = rm.pose_from_odometry(through(kind, bags.ODOMETRY, rf.odometry_fields(pose, 7)))
+    message = through(kind, bags.ODOMETRY, rf.odometry_fields(pose, 7))
+    odometry = rm.pose_from_odometry(message)
     transform = through(kind, bags.TF, rf.tf_fields([pose], 7)).transforms[0]
-    for back in (odometry, rm.pose_from_transform(transform)):
+    place, turn = rm.vectors(transform.transform.translation, transform.transform.rotation)
+    for back in (odometry, Pose.from_quaternion("odom", "base", place, turn)):
         assert (back.parent, back.child) == ("odom", "base")
         np.testing.assert_allclose(back.matrix, matrix, atol=1e-12)
-    stamped = SimpleNamespace(header=odometry and transform.header, pose=SimpleNamespace(
-        position=transform.transform.translation, orientation=transform.transform.rotation))  # fmt: skip
-    assert rm.pose_from_pose_stamped(stamped, "camera").child == "camera"
-    transform.transform.rotation.w = float("nan")
+    message.pose.pose.orientation.w = float("nan")
     with pytest.raises(InvalidValueError, match="quaternion"):
-        rm.pose_from_transform(transform)
+        rm.pose_from_odometry(message)
 
 
 @pytest.mark.parametrize("kind", STORES)

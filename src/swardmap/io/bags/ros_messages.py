@@ -179,17 +179,6 @@ def _decoded(message: Any, data: NDArray[np.uint8], flags: int) -> NDArray[Any]:
     return decode(data.tobytes(), f"compressed image '{message.format}'", flags)
 
 
-def pose_from_transform(message: Any) -> Pose:
-    """Pose T_parent_child of a geometry_msgs/TransformStamped.
-
-    Raises:
-        InvalidValueError: for NaN or a quaternion that is not of length 1.
-    """
-    transform = message.transform
-    place, turn = vectors(transform.translation, transform.rotation)
-    return Pose.from_quaternion(message.header.frame_id, message.child_frame_id, place, turn)
-
-
 def pose_from_odometry(message: Any) -> Pose:
     """Pose T_odom_base of a nav_msgs/Odometry.
 
@@ -200,16 +189,6 @@ def pose_from_odometry(message: Any) -> Pose:
     return Pose.from_quaternion(
         message.header.frame_id, message.child_frame_id, *vectors(pose.position, pose.orientation)
     )
-
-
-def pose_from_pose_stamped(message: Any, child: str) -> Pose:
-    """Pose of frame `child` of a geometry_msgs/PoseStamped, which does not name it.
-
-    Raises:
-        InvalidValueError: for NaN or a quaternion that is not of length 1.
-    """
-    pose = message.pose
-    return Pose.from_quaternion(message.header.frame_id, child, *vectors(pose.position, pose.orientation))
 
 
 def vectors(place: Any, turn: Any) -> tuple[tuple[float, ...], tuple[float, ...]]:

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from swardmap.synth.model import Float32Array, Float64Array, Surface, Terrain
-from swardmap.synth.scene.areas import Area, Strip, inside_convex_m
+from swardmap.synth.model import Float32Array, Surface, Terrain
+from swardmap.synth.scene.areas import Area, Strip
 from swardmap.synth.scene.lawn_look import LawnLook
 from swardmap.synth.scene.lot import Lot
 from swardmap.synth.scene.noise import smooth_noise, smoothstep
@@ -145,8 +145,3 @@ def _bank(lot: Lot, x: Float32Array, y: Float32Array, rng: np.random.Generator) 
     along = x * np.float32(np.cos(facing)) + y * np.float32(np.sin(facing)) - np.float32(off)
     run = 1.5 * rise / steep  # the steepest part of a smooth step is 1.5 times its mean
     return np.float32(rise) * smoothstep(-run / 2, run / 2, along)
-
-
-def lot_distance_m(lot_m: Float64Array, xy: NDArray[np.floating]) -> Float32Array:
-    """Distance of points (n x 2) to the outline of the lot, positive inside."""
-    return inside_convex_m(lot_m, xy[:, 0].astype(np.float32), xy[:, 1].astype(np.float32))

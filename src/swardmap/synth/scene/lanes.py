@@ -7,7 +7,7 @@ from swardmap.synth.scene.clearance import Clearance
 
 STEP_M = 0.02
 THINGS_M, BORDER_M = 0.5, 0.12  # the mower's middle keeps this far from things and from the lawn's border
-TURN_RATE, SPEED = 0.9, 0.45  # of a mower: rad/s on the spot, m/s; for the time that a way takes
+TURN_RATE = 0.9  # of a mower, rad/s on the spot; for the time that a way takes
 
 
 def to_and_fro(clear: Clearance, corners_m: Float64Array, rng: np.random.Generator) -> Float64Array:

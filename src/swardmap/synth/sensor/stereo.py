@@ -151,37 +151,6 @@ def literature_sigma_m(z_m: NDArray[np.floating] | float) -> NDArray[np.float64]
     return np.asarray(0.000611 + 0.003587 * (np.asarray(z_m, np.float64) - 0.3515) ** 2)
 
 
-def noise_table(
-    distances_m: tuple[float, ...] = (1.0, 2.0, 3.0, 4.0, 6.0, 8.0),
-    model: StereoModel | None = None,
-    seed: int = 0,
-) -> list[dict[str, float]]:
-    """Measured noise on a textured wall beside the model's own curve and the literature.
-
-    Returns:
-        For each distance: z_m, valid (share of pixels), bias_m, rms_m (about the mean), stated_m,
-        literature_m (beyond 3.25 m extrapolated).
-    """
-    model = model or StereoModel()
-    rng = np.random.default_rng(seed)
-    gray = rng.integers(60, 200, (480, 640), np.uint8)
-    rows = []
-    for z in distances_m:
-        read = stereo_depth(np.full(gray.shape, z), gray, model.focal_px, model, rng) * 1e-3
-        seen = read[read > 0]
-        rows.append(
-            {
-                "z_m": z,
-                "valid": seen.size / read.size,
-                "bias_m": float(seen.mean() - z),
-                "rms_m": float(seen.std()),
-                "stated_m": float(model.sigma_m(z)),
-                "literature_m": float(literature_sigma_m(z)),
-            }
-        )
-    return rows
-
-
 def _disparity(depth_m: NDArray[np.floating], model: StereoModel) -> Float32Array:
     z = np.asarray(depth_m, np.float32)
     there = np.isfinite(z) & (z > 0)
