@@ -101,12 +101,13 @@ def true_pixels(
     index, left_out = np.empty(within, np.int64), np.empty(beyond, np.int64)
     xyz_m = np.empty((within, 3), np.float32)
     kernel.points(depth_m, *limits, *frame.intrinsics.ray_tables(), index, xyz_m, left_out)
-    in_map = _in_map(xyz_m, T_map_camera)
-    ground, source = _ground(frame, in_map, index, truth)
-    height_m = in_map[:, 2].copy()
-    if ground is not None:
-        origin_m = np.array(ground.origin_m, np.float64)
-        kernel.heights_above(in_map, ground.height_m, origin_m, ground.texel_m, height_m)
+    ground, source = _ground(frame, xyz_m, T_map_camera, index, truth)
+    if ground is None:
+        height_m = _in_map(xyz_m, T_map_camera)[:, 2].copy()
+    else:
+        height_m, origin_m = np.empty(within), np.array(ground.origin_m, np.float64)
+        turn, position_m = _turn_and_position(T_map_camera)
+        kernel.heights_above(xyz_m, turn, position_m, ground.height_m, origin_m, ground.texel_m, height_m)
     return TruePixels(
         shape=(depth_m.shape[0], depth_m.shape[1]),
         index=index,
@@ -150,9 +151,12 @@ def _in_map(xyz_m: NDArray[np.float32], T_map_camera: Pose) -> NDArray[np.float6
     from swardmap.kernels import truth as kernel
 
     moved = np.empty(xyz_m.shape, np.float64)
-    turn = T_map_camera.matrix[:3, :3].astype(np.float32)
-    kernel.turn_and_move(xyz_m, turn, T_map_camera.position_m.copy(), moved)
+    kernel.turn_and_move(xyz_m, *_turn_and_position(T_map_camera), moved)
     return moved
+
+
+def _turn_and_position(T_map_camera: Pose) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+    return T_map_camera.matrix[:3, :3].astype(np.float32), T_map_camera.position_m.copy()
 
 
 def fitted_ground(xyz: NDArray[np.float64]) -> GroundRaster | None:
@@ -196,7 +200,11 @@ def fitted_ground(xyz: NDArray[np.float64]) -> GroundRaster | None:
 
 
 def _ground(
-    frame: Frame, in_map: NDArray[np.float64], index: NDArray[np.int64], truth: FrameTruth | None
+    frame: Frame,
+    xyz_m: NDArray[np.float32],
+    T_map_camera: Pose,
+    index: NDArray[np.int64],
+    truth: FrameTruth | None,
 ) -> tuple[GroundRaster | None, str]:
     if truth is not None and truth.ground is not None:
         return truth.ground, "recorded"
@@ -207,7 +215,7 @@ def _ground(
     labels, table = frame.labels.ravel(), frame.label_set.map_class_table
     classes = np.empty(len(index), np.uint8)
     kernel.take(labels, index, table, classes)
-    lawn = np.empty((int(np.count_nonzero(classes == MapClass.GRASS)), 3))
-    kernel.choose(in_map, classes, np.uint8(MapClass.GRASS), lawn)
-    fitted = fitted_ground(lawn)
+    lawn = np.empty((int(np.count_nonzero(classes == MapClass.GRASS)), 3), np.float32)
+    kernel.choose(xyz_m, classes, np.uint8(MapClass.GRASS), lawn)
+    fitted = fitted_ground(_in_map(lawn, T_map_camera))
     return fitted, "map" if fitted is None else "fitted"

@@ -49,12 +49,18 @@ def points(depth_m, near_m, far_m, ray_x, ray_y, index, xyz, out_of_range):  # t
 
 
 @compiled()
+def _moved(xyz, k, turn, position_m, i):  # type: ignore[no-untyped-def]
+    """Coordinate i of point k in the map: turned in float32, then moved in float64."""
+    turned = turn[i, 0] * xyz[k, 0] + turn[i, 1] * xyz[k, 1] + turn[i, 2] * xyz[k, 2]
+    return np.float64(turned) + position_m[i]
+
+
+@compiled()
 def turn_and_move(xyz, turn, position_m, moved):  # type: ignore[no-untyped-def]
     """(N, 3) float32 points turned by (3, 3) float32, then moved in float64: writes (N, 3) float64."""
     for k in range(xyz.shape[0]):
-        x, y, z = xyz[k, 0], xyz[k, 1], xyz[k, 2]
         for i in range(3):
-            moved[k, i] = np.float64(turn[i, 0] * x + turn[i, 1] * y + turn[i, 2] * z) + position_m[i]
+            moved[k, i] = _moved(xyz, k, turn, position_m, i)
 
 
 @compiled(error_model="numpy")
@@ -65,24 +71,26 @@ def _between(at, origin_m, texel_m, n):  # type: ignore[no-untyped-def]
 
 
 @compiled(error_model="numpy")
-def heights_above(xyz, heights, origin_m, texel_m, height_m):  # type: ignore[no-untyped-def]
-    """Heights of (N, 3) float64 points above a raster of the ground: writes (N,) float64.
+def heights_above(xyz, turn, position_m, heights, origin_m, texel_m, height_m):  # type: ignore[no-untyped-def]
+    """Heights of points above a raster of the ground, without their places in the map being kept.
 
     Args:
-        xyz: in the map's frame.
+        xyz: (N, 3) float32 in the frame of the camera.
+        turn: (3, 3) float32 as of `turn_and_move`.
+        position_m: (3,) float64 of the camera in the map.
         heights: (ny, nx) float32 at the texels' centres.
         origin_m: (2,) float64 outer corner.
         texel_m: edge.
-        height_m: written here.
+        height_m: (N,) float64, written here.
     """
     ny, nx = heights.shape
     right, up = int(nx > 1), int(ny > 1)
     for k in range(xyz.shape[0]):
-        i, a = _between(xyz[k, 0], origin_m[0], texel_m, nx)
-        j, b = _between(xyz[k, 1], origin_m[1], texel_m, ny)
+        i, a = _between(_moved(xyz, k, turn, position_m, 0), origin_m[0], texel_m, nx)
+        j, b = _between(_moved(xyz, k, turn, position_m, 1), origin_m[1], texel_m, ny)
         lower = np.float64(heights[j, i]) * (1 - a) + np.float64(heights[j, i + right]) * a
         upper = np.float64(heights[j + up, i]) * (1 - a) + np.float64(heights[j + up, i + right]) * a
-        height_m[k] = xyz[k, 2] - (lower * (1 - b) + upper * b)
+        height_m[k] = _moved(xyz, k, turn, position_m, 2) - (lower * (1 - b) + upper * b)
 
 
 @compiled()
