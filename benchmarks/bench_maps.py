@@ -23,7 +23,8 @@ from swardmap.config import SegmenterConfig, load_config
 from swardmap.config.outputs import DEFAULT_MARGIN_M
 from swardmap.eval.dataset import DatasetSpec, read_frames
 from swardmap.eval.frame import pose_of
-from swardmap.eval.maps import FrameMaps, spec_of, true_segmentation
+from swardmap.eval.frame_maps import FrameMaps
+from swardmap.eval.maps import spec_of, true_segmentation
 from swardmap.eval.run import make_plan
 from swardmap.eval.safety import SafetyTally, judge, total_safety
 from swardmap.eval.things import find_things

@@ -6,7 +6,7 @@ from typing import Any
 
 from swardmap.cli.demo import RECORDING
 from swardmap.cli.demo_text import IN_WORDS, told
-from swardmap.eval.margin import PLAIN_SHARES, plain_share
+from swardmap.eval.shares import PLAIN_SHARES, plain_share
 from swardmap.io import open_source
 from swardmap.labels import GRASS, OTHER, PERSON
 from tests.io.contract import check_source

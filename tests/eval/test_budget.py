@@ -14,7 +14,8 @@ from swardmap.eval.budget import (
     missing_stages,
     noisy_pose,
 )
-from swardmap.eval.maps import FrameMaps, compare_maps, spec_of, true_segmentation
+from swardmap.eval.frame_maps import FrameMaps
+from swardmap.eval.maps import compare_maps, spec_of, true_segmentation
 from swardmap.geometry import Pose
 from swardmap.grid import OccupancyGrid
 from swardmap.labels import GRASS_OBSTACLE_PERSON

@@ -9,10 +9,10 @@ from swardmap.eval.frame import Plan
 from swardmap.eval.gathered import alone
 from swardmap.eval.look_again import SeenThing, look_again, seen_things, stake, worst_things
 from swardmap.eval.maps import compare_maps
-from swardmap.eval.report import worst_frames
 from swardmap.eval.results import results
 from swardmap.eval.run import evaluate, make_plan
 from swardmap.eval.things import TrueThing
+from swardmap.eval.worst import worst_frames
 from swardmap.geometry import Pose
 from swardmap.grid import GridSpec, OccupancyGrid
 from swardmap.labels import MapClass

@@ -9,16 +9,14 @@ from hypothesis import strategies as st
 from swardmap.config import CloudConfig, Config, GeometryConfig, GridConfig
 from swardmap.errors import InputError, InvalidValueError
 from swardmap.eval.maps import (
-    PROTOCOLS,
-    at_resolution,
     cloud_map,
     compare_frame,
     compare_maps,
     frame_map,
-    protocol_configs,
     tied_cells,
     true_segmentation,
 )
+from swardmap.eval.protocols import PROTOCOLS, at_resolution, protocol_configs
 from swardmap.eval.tally import MapTally, MissedKind, MissKind, total_of
 from swardmap.geometry import Pose
 from swardmap.grid import GridSpec, OccupancyGrid

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from swardmap.config import Config
 from swardmap.errors import InvalidValueError
-from swardmap.eval.maps import FrameMaps, compare_frame, spec_of, true_segmentation
+from swardmap.eval.frame_maps import FrameMaps
+from swardmap.eval.maps import compare_frame, spec_of, true_segmentation
 from swardmap.eval.safety import unjudged
 from swardmap.eval.truth import FEWEST_LAWN_PIXELS, TEXEL_M, dense_map, fitted_ground, true_pixels
 from swardmap.geometry import Intrinsics, Pose, deproject, transform_points

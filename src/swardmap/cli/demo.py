@@ -60,12 +60,13 @@ def _evaluated(out: Path, config: Config, bar: Progress) -> dict[str, Any]:
     from swardmap.eval.dataset import DatasetSpec
     from swardmap.eval.gathered import alone
     from swardmap.eval.look_again import worst_things
-    from swardmap.eval.margin import plain_share
     from swardmap.eval.margin_section import MarginOptions
     from swardmap.eval.output import write_results
-    from swardmap.eval.report import report_html, worst_frames
+    from swardmap.eval.report import report_html
     from swardmap.eval.results import margin_for, results
     from swardmap.eval.run import evaluate, make_plan
+    from swardmap.eval.shares import plain_share
+    from swardmap.eval.worst import worst_frames
 
     folder = out / "evaluation"
     plan = make_plan(DatasetSpec(str(RECORDING), config.source), config)

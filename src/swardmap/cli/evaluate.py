@@ -168,8 +168,9 @@ def _written(
     from swardmap.eval.look_again import worst_things
     from swardmap.eval.margin_section import MarginOptions
     from swardmap.eval.output import write_results, written_margin_options
-    from swardmap.eval.report import report_html, worst_frames
+    from swardmap.eval.report import report_html
     from swardmap.eval.results import results
+    from swardmap.eval.worst import worst_frames
     from swardmap.io.door import reading
     from swardmap.runs.frame_check import faults_of_records
 

@@ -63,7 +63,8 @@ def view_command(
     from swardmap.io import is_live, open_source
     from swardmap.io.sources.limited import LimitedSource
     from swardmap.models import build_segmenter
-    from swardmap.runs.recording import build_mapper, map_steps
+    from swardmap.runs.map_steps import map_steps
+    from swardmap.runs.recording import build_mapper
     from swardmap.runs.summary import RunTotals
     from swardmap.viz.rerun_sink import load_rerun, rerun_sink
     from swardmap.viz.rerun_stream import RerunStream, layout

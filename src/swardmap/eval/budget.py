@@ -14,7 +14,8 @@ from swardmap.config import Config
 from swardmap.errors import InvalidValueError
 from swardmap.eval.confusion import Share
 from swardmap.eval.distances import DistanceSummary
-from swardmap.eval.maps import FrameMaps, compare_maps, spec_of, true_segmentation
+from swardmap.eval.frame_maps import FrameMaps
+from swardmap.eval.maps import compare_maps, spec_of, true_segmentation
 from swardmap.eval.tally import MapTally
 from swardmap.geometry import Pose
 from swardmap.types import Frame, Segmentation

@@ -16,7 +16,9 @@ from swardmap.errors import InputError, InvalidValueError, SwardmapError
 from swardmap.eval.budget import PoseNoise, RealAndTrue, budget, noisy_pose
 from swardmap.eval.confusion import aligned_masks, confusion_of_masks
 from swardmap.eval.dataset import DatasetSpec, Numbered, read_frames
-from swardmap.eval.maps import PROTOCOLS, FrameMaps, MapComparison, at_resolution, compare_frame
+from swardmap.eval.frame_maps import FrameMaps
+from swardmap.eval.maps import MapComparison, compare_frame
+from swardmap.eval.protocols import PROTOCOLS, at_resolution
 from swardmap.eval.safety import SafetyTally, judge, unjudged
 from swardmap.eval.things import find_things
 from swardmap.geometry import Pose
@@ -42,7 +44,7 @@ class Plan:
         dataset: the frames.
         config: of the robot: segmenter, filters, resolution.
         resolutions_m: of the maps; the first is that of the margin, the budget and the gallery.
-        protocols: see `maps.PROTOCOLS`.
+        protocols: see `protocols.PROTOCOLS`.
         pose_noise: of the budget's last stage.
         with_budget: run the budget.
         seed: of the pose noise and of every bootstrap.

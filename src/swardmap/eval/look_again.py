@@ -13,7 +13,9 @@ from swardmap.errors import SwardmapError
 from swardmap.eval.cost import squared_distance
 from swardmap.eval.dataset import read_frames
 from swardmap.eval.frame import Plan, compare_again, pose_of, segmenter_of
-from swardmap.eval.maps import FrameMaps, MapComparison, at_resolution, compare_frame
+from swardmap.eval.frame_maps import FrameMaps
+from swardmap.eval.maps import MapComparison, compare_frame
+from swardmap.eval.protocols import at_resolution
 from swardmap.eval.safety import TOUCH_M
 from swardmap.eval.things import PERSON, UNKNOWN_KIND, TrueThing, find_things
 from swardmap.geometry import Pose

@@ -1,31 +1,24 @@
 """Reference map and predicted map of one frame, and their comparison (Sec. 4.3)."""
 
 from collections import Counter
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from swardmap.config import Config, GeometryConfig
+from swardmap.config import Config
 from swardmap.errors import InputError, InvalidValueError
 from swardmap.eval.confusion import confusion_of_maps
 from swardmap.eval.dmin import Misses, find_misses, nearest_hits
+from swardmap.eval.frame_maps import FrameMaps
+from swardmap.eval.protocols import protocol_configs
 from swardmap.eval.tally import RANGE_BANDS_M, MapTally, MissedKind, MissKind
-from swardmap.eval.truth import TruePixels, dense_map, fitted_ground, true_pixels
+from swardmap.eval.truth import fitted_ground
 from swardmap.geometry import Pose
 from swardmap.grid import GridSpec, OccupancyGrid, classify_cells, count_points
-from swardmap.io.sources.truth import FrameTruth
 from swardmap.labels import MapClass
-from swardmap.perception.ground_surface import ground_settings
-from swardmap.pipeline import Located, locate, observe, view_spec
+from swardmap.pipeline import observe, view_spec
 from swardmap.types import Frame, LabeledCloud, Segmentation
-
-PROTOCOLS = ("dense", "paper", "paper-own")
-"""dense: the reference takes every valid pixel, unfiltered, of the clean depth where there is one, by its
-height above the true ground. paper: the reference takes the predicted map's depth, filter and
-downsampling; the predicted map is the one that the robot makes. paper-own: one point is enough for a cell
-of either map, as in the paper, so that both agree on what is unknown (Table 6)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,116 +66,6 @@ def compare_maps(
         missed=dict(Counter(MissedKind(m.person, m.cells, m.called_free) for m in misses.missed)),
     )
     return MapComparison(reference, predicted, misses, tally)
-
-
-class FrameMaps:
-    """The maps of one frame, each made once however many comparisons ask for it.
-
-    What it was asked with is known by identity, and kept, so that no other object takes its id.
-
-    Args:
-        truth: what is truly there in the frame, if the data set knows.
-    """
-
-    def __init__(self, truth: FrameTruth | None = None) -> None:
-        self.truth = truth
-        self._made: dict[tuple[object, ...], tuple[OccupancyGrid, object]] = {}
-        self._located: dict[tuple[object, ...], tuple[Located, Frame, Pose, Config]] = {}
-        self._pixels: dict[tuple[object, ...], tuple[TruePixels, object]] = {}
-        self._dense: dict[tuple[object, ...], tuple[OccupancyGrid, Segmentation]] = {}
-        self._cells: dict[tuple[object, ...], NDArray[np.int64]] = {}
-
-    def pixels(
-        self, frame: Frame, T_map_camera: Pose, config: Config, T_placed: Pose | None = None
-    ) -> TruePixels:
-        """The same as `true_pixels`; with the heights of the true pose, placed by another."""
-        placed = T_placed or T_map_camera
-        key = (id(frame.depth), id(T_map_camera), id(placed), id(config.cloud))
-        if key not in self._pixels:
-            if placed is T_map_camera:
-                found = true_pixels(frame, T_map_camera, config, self.truth)
-            else:
-                found = replace(self.pixels(frame, T_map_camera, config), T_map_camera=placed)
-            self._pixels[key] = found, (frame, T_map_camera, placed, config)
-        return self._pixels[key][0]
-
-    def cells(self, pixels: TruePixels, spec: GridSpec) -> NDArray[np.int64]:
-        """The same as `TruePixels.cells`, of what `pixels` gave."""
-        key = (id(pixels), spec)
-        if key not in self._cells:
-            self._cells[key] = pixels.cells(spec)
-        return self._cells[key]
-
-    def dense(
-        self,
-        frame: Frame,
-        segmentation: Segmentation,
-        T_map_camera: Pose,
-        config: Config,
-        spec: GridSpec,
-        T_placed: Pose | None = None,
-    ) -> OccupancyGrid:
-        """The same as `dense_map`, of `pixels`."""
-        pixels = self.pixels(frame, T_map_camera, config, T_placed)
-        key = (id(pixels), id(segmentation.labels), spec)
-        if key not in self._dense:
-            cells = self.cells(pixels, spec)
-            grid = dense_map(pixels, segmentation, spec, cells, frame.stamp_ns)
-            self._dense[key] = grid, segmentation
-        return self._dense[key][0]
-
-    def __call__(
-        self, frame: Frame, segmentation: Segmentation, T_map_camera: Pose, config: Config, spec: GridSpec
-    ) -> OccupancyGrid:
-        """The same as `frame_map`."""
-        key = (id(frame.depth), id(segmentation.labels), id(T_map_camera), id(config), spec)
-        if key not in self._made:
-            located = self._depth_of(frame, T_map_camera, config, spec)
-            grid = observe(frame, segmentation, T_map_camera, spec, config, located=located).grid
-            self._made[key] = grid, (frame, segmentation, T_map_camera, config)
-        return self._made[key][0]
-
-    def _depth_of(self, frame: Frame, T_map_camera: Pose, config: Config, spec: GridSpec) -> Located:
-        """Cells and ground of a frame: the same for every mask and for every rule of marking."""
-        rules = id(config.cloud), ground_settings(config.geometry), config.backend
-        key = (id(frame.depth), frame.depth_filtered, id(T_map_camera), spec, *rules)
-        if key not in self._located:
-            located = locate(frame, T_map_camera, spec, config)
-            self._located[key] = located, frame, T_map_camera, config
-        return self._located[key][0]
-
-
-@lru_cache(maxsize=32)  # building a configuration checks every setting
-def protocol_configs(config: Config, protocol: str) -> tuple[Config, Config]:
-    """Settings of the reference map and of the predicted map in the paper's protocols.
-
-    Range and height limits stay in both: they say what the map is about. The reference takes the same
-    filter, one point a cell, and nothing but the labels. With `paper-own` one point is enough for a cell of
-    either map: otherwise a cell of two grass points and one obstacle point would be unknown in one map and
-    not in the other.
-
-    Args:
-        config: of the robot.
-        protocol: `paper` or `paper-own`.
-    """
-    same = replace(config, grid=replace(config.grid, min_points=1, min_grass_points=1))
-    reference = replace(same, geometry=labels_alone(config.geometry))
-    if protocol == "paper":
-        return reference, config
-    if protocol == "paper-own":
-        return reference, replace(same, geometry=labels_alone(config.geometry))
-    raise InvalidValueError(f"expected a protocol of paper, paper-own, got '{protocol}'")
-
-
-def labels_alone(geometry: GeometryConfig) -> GeometryConfig:
-    """The same ground, and no marks from depth: the truth is what the labels say."""
-    return replace(geometry, enabled=False, semantics=True)
-
-
-@lru_cache(maxsize=32)
-def at_resolution(config: Config, resolution_m: float) -> Config:
-    """The same settings with cells of another size."""
-    return replace(config, grid=replace(config.grid, resolution_m=resolution_m))
 
 
 def frame_map(

@@ -25,6 +25,7 @@ import numpy as np
 from swardmap.errors import InvalidValueError
 from swardmap.eval.distances import exact_share
 from swardmap.eval.dmin import NO_HIT
+from swardmap.eval.shares import share_text, told_share
 from swardmap.eval.tally import MapTally, MissKind
 
 UnitMisses = Mapping[str, Mapping[int, int]]
@@ -35,9 +36,6 @@ POPULATIONS = ("found", "all")
 missed as a whole, at their distance to another obstacle; without any found cell in the map, at infinity."""
 
 DRAWS = 1000
-
-PLAIN_SHARES = (0.99, 0.95, 0.9, 0.8, 0.75, 0.5)
-"""Shares that can be said without a number after the comma: 9 of 10, half."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -246,34 +244,6 @@ def carried_share(losses: Sequence[float], n: int, confidence: float) -> float:
     """
     thousandths = range(999, 0, -1) if losses else ()
     return next((k / 1000 for k in thousandths if _is_proven(losses[-1], n, k / 1000, confidence)), 0.0)
-
-
-def told_share(share: float) -> float:
-    """A share as people say it: whole percent, never more than it is; as it is where that were nothing.
-
-    >>> told_share(0.846), told_share(0.004)
-    (0.84, 0.004)
-    """
-    whole = math.floor(round(100 * share, 6)) / 100
-    return whole or share
-
-
-def plain_share(carried: float) -> float | None:
-    """The largest of PLAIN_SHARES that is not above what can be carried; None if none is.
-
-    >>> plain_share(0.84)
-    0.8
-    """
-    return next((share for share in PLAIN_SHARES if share <= carried + 1e-9), None)
-
-
-def share_text(share: float) -> str:
-    """A share in percent, without more digits than it has.
-
-    >>> share_text(0.99), share_text(0.999)
-    ('99 %', '99.9 %')
-    """
-    return f"{100 * share:.4g} %"
 
 
 def _units_more(n: int, needed: int, share: float, confidence: float, losses: list[float]) -> int | None:

@@ -9,16 +9,10 @@ from swardmap.config import config_to_dict
 from swardmap.errors import InvalidValueError
 from swardmap.eval.distances import DistanceHistogram
 from swardmap.eval.frame import Plan, split_key
-from swardmap.eval.maps import at_resolution
-from swardmap.eval.margin import (
-    POPULATIONS,
-    Claim,
-    measure_margin,
-    told_share,
-    unit_misses,
-    units_needed,
-)
+from swardmap.eval.margin import POPULATIONS, Claim, measure_margin, unit_misses, units_needed
 from swardmap.eval.margin_statement import margin_of, statement_of
+from swardmap.eval.protocols import at_resolution
+from swardmap.eval.shares import told_share
 from swardmap.eval.tally import MapTally, total_of
 from swardmap.io.maps.margin_file import measured_with
 

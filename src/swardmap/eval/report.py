@@ -1,7 +1,6 @@
 """The report: one HTML file that works from a disk, offline, on a phone and in print."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -12,17 +11,16 @@ from swardmap.eval.dataset import dataset_name
 from swardmap.eval.distances import DistanceHistogram
 from swardmap.eval.frame import Plan
 from swardmap.eval.gallery import LAYERS, frame_views
-from swardmap.eval.gathered import Gathered, alone
-from swardmap.eval.look_again import FrameAgain, look_again, worst_things
+from swardmap.eval.gathered import alone
+from swardmap.eval.look_again import FrameAgain
 from swardmap.eval.metrics import UNDEFINED, interval_text, metric
 from swardmap.eval.pages import metres, pct, points, render, told_command
 from swardmap.eval.tables import paper_tables, safety_tables
+from swardmap.eval.worst import FRAMES_SHOWN, things_first, things_view, worst_frames
 from swardmap.viz.maps import COLOR_OF_CLASS
 
 Results = Mapping[str, Any]
 Row = tuple[str, ...]
-FRAMES_SHOWN = 10
-THINGS_SHOWN = 40
 
 SECTIONS = {
     "safety": "What a safety engineer reads first",
@@ -39,15 +37,6 @@ SECTIONS = {
 """Sections by name, which is that of their template, and their titles; empty ones are left out."""
 
 
-def worst_frames(run: Gathered, results: Results, most: int = FRAMES_SHOWN) -> list[tuple[int, FrameAgain]]:
-    """The frames with most at stake, looked at again: index and frame, as far as they can still be read."""
-    found = ((index, look_again(*run.locate(index))) for index in results["worst"][:most])
-    names = {r["index"]: r["name"] for r in run.records if r.get("name")}
-    return [
-        (index, replace(seen, name=names.get(index, seen.name))) for index, seen in found if seen is not None
-    ]
-
-
 def report_html(plan: Plan, results: Results, again: Sequence[tuple[int, FrameAgain]] | None = None) -> str:
     """The whole page.
 
@@ -59,7 +48,7 @@ def report_html(plan: Plan, results: Results, again: Sequence[tuple[int, FrameAg
     frames, has_frames = results["frames"], results["masks"]["overall"] is not None
     if again is None:
         again = worst_frames(alone(plan, [{}] * frames["total"]), results)
-    views = frame_views(_things_first(again)[:FRAMES_SHOWN], results["margin_in_use_m"])
+    views = frame_views(things_first(again)[:FRAMES_SHOWN], results["margin_in_use_m"])
     told: dict[str, Any] = {
         "safety": safety_view(results) if has_frames else None,
         "things": things_view(results, again, {view["id"] for view in views}) if again else None,
@@ -97,44 +86,6 @@ def title(results: Results) -> str:
     more = len(results.get("recordings", ())) - 1
     added = "" if more < 1 else f" and {more} more recording{'s' if more > 1 else ''}"
     return f"How far the maps of {dataset_name(results['dataset'])}{added} can be trusted"
-
-
-def things_view(results: Results, again: Sequence[tuple[int, FrameAgain]], shown: set[str]) -> dict[str, Any]:
-    """Rows of the worst things, each with its frame on the page if that is shown."""
-    margin_m = results["margin_in_use_m"]
-    things = worst_things(again, margin_m)
-    rows = [
-        {
-            **thing,
-            "id": f"frame-{thing['index']}",
-            "has_view": f"frame-{thing['index']}" in shown,
-            "state": _state(thing, margin_m),
-            "needs": "no mark at all" if thing["needs_m"] is None else f"{thing['needs_m']:.2f} m",
-        }
-        for thing in things[:THINGS_SHOWN]
-    ]
-    dangerous = (
-        results["metrics"]["overall"]["things_dangerous"]["count"] if results["metrics"]["overall"] else 0
-    )
-    listed = sum(thing["dangerous"] for thing in things[:THINGS_SHOWN])
-    return {"rows": rows, "margin_m": margin_m, "dangerous": int(dangerous), "listed": listed,
-            "frames": len(again)}  # fmt: skip
-
-
-def _things_first(again: Sequence[tuple[int, FrameAgain]]) -> list[tuple[int, FrameAgain]]:
-    """Frames in the order of the worst things in them, so that the first of the list can be looked at."""
-    order = [thing["index"] for thing in worst_things(again, 0.0)]
-    rank = {index: place for place, index in reversed(list(enumerate(order)))}
-    return sorted(again, key=lambda each: rank.get(each[0], len(order)))
-
-
-def _state(thing: Mapping[str, Any], margin_m: float) -> str:
-    """What the map makes of a thing, in words."""
-    if thing["missed"]:
-        return "missed, and called free" if thing["free_cells"] else "missed, left unknown"
-    if thing["dangerous"]:
-        return "reaches out of its marks, and beyond the margin"
-    return "reaches out of its marks, within the margin" if margin_m else "reaches out of its marks"
 
 
 CARDS = ("things_missed", "things_dangerous", "corridor_missed", "false_stops", "free_beyond_margin_near",
