@@ -14,7 +14,6 @@ Of the gardens in train-* it holds the views of the test body, and `replay` none
 """
 
 import argparse
-import json
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
@@ -26,6 +25,7 @@ import numpy as np
 from swardmap.config import Config, SourceConfig
 from swardmap.eval.things import LOWEST_M, NEAR_M
 from swardmap.io import open_source
+from swardmap.io.files import table_text
 from swardmap.io.sources.truth import FIRST_AREA, IMAGES, TABLE, read_things
 from swardmap.labels import GRASS
 from swardmap.types import Frame
@@ -78,7 +78,7 @@ def take_safety(folders: Sequence[Path], out: Path) -> None:
                 name = f"{number:02d}{scene[-2:]}_{light}_{frame.name}"
                 write_pair(out, name, frame, SAFETY_WIDTH)
                 told[name] = write_things(sequence, frame, out / IMAGES / f"{name}.png")
-    (out / "things.json").write_text(json.dumps(told, indent=0, sort_keys=True) + "\n")
+    (out / "things.json").write_text(table_text(dict(sorted(told.items()))))
 
 
 def write_pair(out: Path, name: str, frame: Frame, width: int) -> None:
@@ -106,7 +106,7 @@ def write_things(sequence: Path, frame: Frame, file: Path) -> dict[str, Any]:
     size = (SAFETY_WIDTH, round(SAFETY_WIDTH * ids.shape[0] / ids.shape[1]))
     small = cv2.resize(ids, size, interpolation=cv2.INTER_NEAREST)
     cv2.imwrite(str(file), small, [cv2.IMWRITE_PNG_COMPRESSION, 9])
-    return judged
+    return dict(sorted(judged.items()))
 
 
 def main() -> None:

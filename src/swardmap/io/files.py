@@ -1,11 +1,12 @@
 """Writing so that nobody ever sees half a file: a temporary file beside the target, then a rename."""
 
+import json
 import os
 import stat
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 from swardmap.errors import InputError, OutputError, one_line, shortened
 from swardmap.io.staging import lock, name_beside
@@ -59,6 +60,19 @@ def write_bytes(path: str | Path, content: bytes, durable: bool = True) -> None:
 def write_text(path: str | Path, text: str, durable: bool = True) -> None:
     """Write one UTF-8 text file atomically. See `atomic_write`."""
     write_bytes(path, text.encode("utf-8"), durable)
+
+
+def table_text(table: Mapping[str, Any]) -> str:
+    """A JSON object with one line a key: compact, and a difference names the key.
+
+    >>> print(table_text({"7": {"kind": "shrub", "height_m": 0.4}, "8": [1, 2]}), end="")
+    {
+    "7": {"kind": "shrub", "height_m": 0.4},
+    "8": [1, 2]
+    }
+    """
+    rows = ",\n".join(f"{json.dumps(key)}: {json.dumps(row)}" for key, row in table.items())
+    return f"{{\n{rows}\n}}\n"
 
 
 def write_together(contents: Mapping[Path, bytes]) -> None:

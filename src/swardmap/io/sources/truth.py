@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swardmap.errors import InputError, InvalidValueError
-from swardmap.io.files import read_bytes, write_text
+from swardmap.io.files import read_bytes, table_text, write_text
 from swardmap.io.images import decode
 from swardmap.io.maps.npz_files import read_archive, write_archive
 
@@ -145,7 +145,7 @@ def write_things(file: Path, things: Mapping[int, KnownThing]) -> None:
         str(key): {"kind": thing.kind, "height_m": round(thing.height_m, 4)}
         for key, thing in sorted(things.items())
     }
-    write_text(file, json.dumps(tree, indent=1) + "\n")
+    write_text(file, table_text(tree))
 
 
 def read_ground(file: Path) -> GroundRaster:
