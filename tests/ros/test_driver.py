@@ -8,9 +8,9 @@ import pytest
 
 from swardmap.geometry import Pose
 from swardmap.grid import GridSpec
-from swardmap.ros.driver import COSTMAP_TIMEOUT_S, FOR_PERSONS, GATE, STILL, Driver, Heard
+from swardmap.ros.driver import COSTMAP_TIMEOUT_S, FOR_PERSONS, GATE, PATIENCE_S, STILL, Driver, Heard
 from swardmap.ros.driver_ears import upright_m
-from swardmap.ros.gate import GateInputs
+from swardmap.ros.gate import Command, GateInputs
 
 SPEC = GridSpec(0.1, 100, 60, (-2.0, -3.0))
 NOW_S = 50.0
@@ -102,6 +102,57 @@ def test_once_it_stands_for_somebody_they_must_be_farther_away_and_after_a_while
         assert (command == STILL) == still, seconds
     assert command.forward_mps == 0
     assert command.turn_rps < 0
+
+
+def stands_from_someone(place: tuple[float, float]) -> tuple[Heard, Driver]:
+    """A mower that has lost its patience with somebody, and turns from them."""
+    heard, driver = well(at(0, 0.05, 1.2)), Driver()
+    for now_s in (NOW_S, NOW_S + PATIENCE_S):
+        still = told(driver, heard, [place], now_s) == STILL
+        assert still == (now_s == NOW_S)
+    return heard, driver
+
+
+def told(driver: Driver, heard: Heard, persons_m: list[tuple[float, float]], now_s: float) -> Command:
+    """What it does when all is well but for these persons."""
+    heard.persons_m = np.array(persons_m).reshape(-1, 2)
+    heard.gate.flag_s = heard.gate.cells_s = heard.gate.pose_s = heard.costs_s = now_s
+    return driver.command(GOAL_M, heard, now_s)[0]
+
+
+AHEAD_M = (0.6, 1.6)
+"""In the way of a mower at (0, 0.05) that looks along 1.2 rad."""
+
+
+@pytest.mark.parametrize(
+    "persons_m",
+    [[], [AHEAD_M], [(8.0, 8.0)]],
+    ids=["out of sight", "they stayed", "far away"],
+)
+def test_it_waits_anew_for_one_who_comes_back(persons_m: list[tuple[float, float]]) -> None:
+    heard, driver = stands_from_someone(AHEAD_M)
+    now_s, gone = NOW_S + PATIENCE_S + 1, persons_m != [AHEAD_M]
+    assert told(driver, heard, persons_m, now_s) != STILL  # without them it goes on, past them it turns
+    for after_s in (0.1, PATIENCE_S - 0.1):
+        assert (told(driver, heard, [AHEAD_M], now_s + after_s) == STILL) == gone
+    assert told(driver, heard, [AHEAD_M], now_s + 0.1 + PATIENCE_S) != STILL
+
+
+def test_it_waits_anew_for_a_second_person_beside_the_first() -> None:
+    heard, driver = stands_from_someone(AHEAD_M)
+    now_s = NOW_S + PATIENCE_S + 1
+    second = (1.1, 2.7)
+    assert told(driver, heard, [AHEAD_M, second], now_s) == STILL
+    assert told(driver, heard, [AHEAD_M, second], now_s + PATIENCE_S - 0.1) == STILL
+    assert told(driver, heard, [AHEAD_M, second], now_s + PATIENCE_S) != STILL
+
+
+def test_one_who_walks_about_ahead_is_one_person() -> None:
+    heard, driver = well(at(0, 0.05, 1.2)), Driver()
+    steps = [(0.6 + 0.02 * i, 1.6 + 0.05 * i) for i in range(20)]
+    for i in range(1 + round(10 * PATIENCE_S)):
+        command = told(driver, heard, [steps[min(i % 40, 39 - i % 40)]], NOW_S + 0.1 * i)
+        assert (command == STILL) == (i < 10 * PATIENCE_S)
 
 
 def test_it_turns_on_the_spot_towards_what_lies_behind() -> None:

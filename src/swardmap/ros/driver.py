@@ -9,10 +9,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from swardmap.geometry import Pose
 from swardmap.grid import GridSpec
-from swardmap.ros.gate import Command, GateConfig, GateInputs, nearest_in_zone_m, refusal
+from swardmap.ros.gate import Command, GateConfig, GateInputs, away_in_zone_m, refusal
 from swardmap.ros.route import INSCRIBED, Route, route
 
 STILL = Command(0.0, 0.0)
@@ -32,6 +33,11 @@ STILL_FOR_PERSONS = replace(FOR_PERSONS, margin_m=0.6, reaction_s=3.8)
 """Once it stands for somebody they must be a little farther away before it goes on."""
 
 PATIENCE_S = 15.0
+"""So long it stands still for somebody; then it may turn away from them."""
+
+STRIDE_M = 1.0
+"""Who shows up farther than this from everybody that it stands for is somebody else."""
+
 PLAN_S = 0.5
 COSTMAP_TIMEOUT_S = 2.0
 AHEAD_M = 0.5
@@ -79,6 +85,7 @@ class Driver:
         self._ahead, self._turn_rps = Command(speed_mps, 0.0), turn_rps
         self._planned: tuple[float, tuple[float, float]] | None = None
         self._waits_since_s: float | None = None
+        self._waits_for_m = np.zeros((0, 2))
 
     def command(self, goal_m: tuple[float, float], heard: Heard, now_s: float) -> tuple[Command, str]:
         """What to do, and why not more; the reason is empty while it drives.
@@ -122,16 +129,25 @@ class Driver:
 
     def _person(self, wish: Command, T_map_base: Pose, heard: Heard, now_s: float) -> str:
         """Whether somebody is ahead; after a while it may turn away from them, but never drive at them."""
-        waits = self._waits_since_s
-        rules = FOR_PERSONS if waits is None else STILL_FOR_PERSONS
-        patient = waits is None or now_s - waits < PATIENCE_S
-        zone = self._ahead if patient or wish.forward_mps else wish
-        distance_m = nearest_in_zone_m(heard.persons_m, T_map_base, zone, rules)
-        if distance_m is None:
-            self._waits_since_s = None if patient else waits
-            return ""
-        self._waits_since_s = now_s if waits is None else waits
-        return f"a person is {distance_m:.1f} m from the base"
+        rules = FOR_PERSONS if self._waits_since_s is None else STILL_FOR_PERSONS
+        away_m = away_in_zone_m(heard.persons_m, T_map_base, self._ahead, rules)
+        ahead = np.isfinite(away_m)
+        waited_s = self._waited_s(heard.persons_m[ahead], now_s)
+        if waited_s >= PATIENCE_S and not wish.forward_mps:
+            away_m = away_in_zone_m(heard.persons_m, T_map_base, wish, rules)
+        nearest_m = away_m.min(initial=math.inf)
+        return f"a person is {nearest_m:.1f} m from the base" if math.isfinite(nearest_m) else ""
+
+    def _waited_s(self, ahead_m: NDArray[np.float64], now_s: float) -> float:
+        """How long it has stood for those who are ahead; for somebody new, or back again, it begins anew."""
+        away_m, _ = KDTree(self._waits_for_m).query(ahead_m)
+        self._waits_for_m = ahead_m
+        if not len(ahead_m):
+            self._waits_since_s = None
+            return 0.0
+        if self._waits_since_s is None or away_m.max() > STRIDE_M:
+            self._waits_since_s = now_s
+        return now_s - self._waits_since_s
 
     def _towards(self, way: Route, T_map_base: Pose) -> Command:
         """Towards the point some way ahead; it turns on the spot where that lies beside or behind."""

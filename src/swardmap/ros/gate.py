@@ -106,7 +106,15 @@ def reach_m(speed_mps: float, config: GateConfig) -> float:
 def nearest_in_zone_m(
     cells_m: NDArray[np.float64], T_map_base: Pose, command: Command, config: GateConfig
 ) -> float | None:
-    """Distance from the base to the nearest obstacle that the robot would run over; None if there is none.
+    """Distance from the base to the nearest obstacle that the robot would run over; None if there is none."""
+    away_m = away_in_zone_m(cells_m, T_map_base, command, config).min(initial=math.inf)
+    return float(away_m) if math.isfinite(away_m) else None
+
+
+def away_in_zone_m(
+    cells_m: NDArray[np.float64], T_map_base: Pose, command: Command, config: GateConfig
+) -> NDArray[np.float64]:
+    """Distance (N,) from the base to each obstacle that the robot would run over; inf for the others.
 
     The zone is the robot and its way to a stand in the direction of travel, and a circle where it turns.
 
@@ -130,4 +138,4 @@ def nearest_in_zone_m(
     inside &= np.abs(y) <= config.half_width_m + edge_m
     if abs(command.turn_rps) >= STANDING_RPS:
         inside |= np.hypot(x, y) <= config.turn_radius_m + edge_m
-    return float(np.hypot(x, y)[inside].min()) if inside.any() else None
+    return np.where(inside, np.hypot(x, y), np.inf)
