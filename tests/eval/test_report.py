@@ -84,7 +84,7 @@ def test_bars_are_as_long_as_their_counts() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("width", [360, 768, 1280])
+@pytest.mark.parametrize("width", [360, 390, 768, 1280])
 def test_in_chromium_it_fits_every_screen_and_asks_for_nothing(page: Path, browser: Any, width: int) -> None:
     tab = browser.new_page(viewport={"width": width, "height": 800}, java_script_enabled=True)
     requests: list[str] = []
@@ -112,6 +112,18 @@ def test_in_chromium_it_fits_every_screen_and_asks_for_nothing(page: Path, brows
             return word.length > 0 && range.getClientRects().length > 1 && !word.includes('-'); });
     }).map(th => th.textContent)"""
     assert tab.evaluate(broken) == []  # no header breaks inside a word
+    if width >= 390:  # the first table is read without scrolling sideways
+        assert tab.locator(".scroll").first.evaluate("e => e.scrollWidth - e.clientWidth") <= 0
+    heights = "e => [e.querySelector('.stack').clientHeight, e.querySelector('.map-svg').clientHeight]"
+    photo, drawn = tab.locator(".photo-and-map").first.evaluate(heights)
+    if width > 704:  # side by side, without a hole under either
+        assert drawn == pytest.approx(photo, rel=0.05)
+    overlaps = """[...document.querySelectorAll('.map-box')].filter(map => {
+        const rows = [...map.querySelectorAll('text')].map(t => t.getBoundingClientRect());
+        return rows.some((a, i) => rows.some((b, j) => i < j && a.left < b.right && b.left < a.right
+            && a.top + 2 < b.bottom && b.top + 2 < a.bottom));
+    }).map(map => map.dataset.map)"""
+    assert tab.evaluate(overlaps) == []  # no words on a map lie on others
     tab.locator("summary").first.click()
     assert tab.locator("details[open] table").count() == 1
     tab.close()

@@ -32,7 +32,7 @@
         axes.append(make("text", { x, y, "text-anchor": anchor, style: `font-size:${size}px;stroke-width:${3 * pixel}px` }, text));
       for (let x = Math.ceil(view.x / step) * step; x < view.x + view.w; x += step) {
         axes.append(make("line", { x1: x, x2: x, y1: view.y, y2: view.y + view.h }));
-        if (x > view.x + 4 * size) label(metres(x, step), x, view.y + view.h - edge, "middle");
+        if (x > view.x + 7 * size) label(metres(x, step), x, view.y + view.h - edge, "middle");
       }
       for (let y = Math.ceil(view.y / step) * step; y < view.y + view.h; y += step) {
         axes.append(make("line", { y1: y, y2: y, x1: view.x, x2: view.x + view.w }));
