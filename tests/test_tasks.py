@@ -1,13 +1,17 @@
 """The commands of the pages by task run as they are shown, one after another, in an empty folder."""
 
+import os
 import re
 import shlex
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
+import yaml
+from packaging.requirements import Requirement
 
 import swardmap
 from swardmap.geometry import Intrinsics
@@ -30,11 +34,27 @@ def shown_commands(page: str) -> list[str]:
     return [line for block in blocks for line in block.splitlines() if line.strip()]
 
 
-def run_shown(command: str, folder: Path) -> subprocess.CompletedProcess[str]:
-    """One line as a shell takes it; a results folder that an earlier line made may be replaced."""
-    again = " --overwrite" if " -o " in command and " evaluate " not in command else ""
-    program = command.replace("swardmap ", f"{shlex.quote(sys.executable)} -m swardmap ", 1) + again
-    return subprocess.run(["bash", "-c", program], cwd=folder, capture_output=True, text=True, check=False)
+def run_shown(command: str, folder: Path, more: str = "") -> subprocess.CompletedProcess[str]:
+    """One line as a shell takes it, with more options behind it; at home in the folder."""
+    python = shlex.quote(sys.executable)
+    program = command.partition("  #")[0].replace("swardmap ", f"{python} -m swardmap ", 1)
+    environment = os.environ | {"HOME": str(folder)}
+    return subprocess.run(
+        ["bash", "-c", f"{program} {more}"],
+        cwd=folder, env=environment, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+
+
+def check_install(command: str) -> None:
+    """What a page says to install is this package, with extras that it has and releases that it takes."""
+    declared = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    needed = {r.name: r for r in map(Requirement, declared["dependencies"])}
+    for wanted in map(Requirement, shlex.split(command)[2:]):
+        if wanted.name == declared["name"]:
+            assert wanted.extras <= set(declared["optional-dependencies"]), command
+        else:
+            (limit,) = needed[wanted.name].specifier
+            assert wanted.specifier.contains(limit.version), command
 
 
 @pytest.mark.slow
@@ -48,7 +68,7 @@ def test_a_bag_is_mapped_as_the_page_says(tmp_path: Path) -> None:
     for command in commands:
         if "lawn.kml" in command:
             pytest.importorskip("pyproj", reason="work areas need the extra gps")
-        done = run_shown(command, tmp_path)
+        done = run_shown(command, tmp_path, "--overwrite" if " -o " in command else "")
         assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
     assert (tmp_path / "my_map/report.html").stat().st_size < 20_000_000
     assert (tmp_path / "my_map/map.yaml").is_file()
@@ -72,3 +92,28 @@ def test_a_margin_is_set_as_the_page_says(tmp_path: Path) -> None:
     assert "of 2 recordings: annotated_drive, another_drive" in added
     assert "margin: " in measured
     assert "the default" not in mapped  # the margin is the one that was measured
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_a_paper_is_evaluated_for_as_the_page_says(tmp_path: Path) -> None:
+    """Fewer gardens than the page has, and small images."""
+    pytest.importorskip("moderngl", reason="gardens are drawn with moderngl (pip install 'swardmap[synth]')")
+    synth, evaluate, evaluate_other, compare = shown_commands("docs/tasks/paper.md")
+    few = "--scenes 2 --frames 1 --width 160 --height 120 --samples 1 --illumination cloudy --jobs 1"
+    for command, more in ((synth, few), (evaluate, ""), (evaluate_other, ""), (compare, "")):
+        done = run_shown(command, tmp_path, more)
+        assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
+    for name in re.findall(r"`(run/[\w.]+)`", (ROOT / "docs/tasks/paper.md").read_text(encoding="utf-8")):
+        assert (tmp_path / name).stat().st_size > 0, name
+    assert r"\toprule" in (tmp_path / "compare.tex").read_text(encoding="utf-8")
+
+
+def test_a_robot_gets_its_files_as_the_page_says(tmp_path: Path) -> None:
+    """The third line, the node, is started in `tests/ros/test_robot_page.py`."""
+    install, write_files, start = shown_commands("docs/tasks/robot.md")
+    check_install(install)
+    done = run_shown(write_files, tmp_path)
+    assert done.returncode == 0, done.stderr
+    file = tmp_path / shlex.split(start)[-1].removeprefix("~/")
+    assert yaml.safe_load(file.read_text(encoding="utf-8"))

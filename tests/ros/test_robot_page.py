@@ -1,7 +1,14 @@
 """docs/robot.md and docs/watchdog.md say what the code says: topics, parameters, faults, reasons."""
 
 import dataclasses
+import os
 import re
+import shlex
+import signal
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
 
 import pytest
 
@@ -11,7 +18,7 @@ from swardmap.ros.gate import GateConfig
 from swardmap.ros.map_outputs import OF_MAP
 from swardmap.ros.outputs import OF_CAMERA, OF_NODE
 from swardmap.ros.parameters import NodeConfig
-from tests.ros.node_process import ROOT
+from tests.ros.node_process import ROOT, environment
 
 PAGE = (ROOT / "docs/robot.md").read_text(encoding="utf-8")
 WATCHDOG = (ROOT / "docs/watchdog.md").read_text(encoding="utf-8")
@@ -78,3 +85,32 @@ def test_the_reasons_that_are_explained_are_given() -> None:
     for cells in rows("When something is wrong")[1:]:
         for reason in names(cells[0]):
             assert reason in given, reason
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+@pytest.mark.skipif(find_spec("rclpy") is None, reason="rclpy is not installed (pip install 'swardmap[ros]')")
+def test_the_node_starts_as_the_page_by_task_says(tmp_path: Path) -> None:
+    page = (ROOT / "docs/tasks/robot.md").read_text(encoding="utf-8")
+    install, write_files, start = re.findall(r"```console\n(.*?)```", page, re.DOTALL)[0].splitlines()
+    assert install.startswith("pip install ")  # what it names is checked in tests/test_tasks.py
+    home = environment() | {"HOME": str(tmp_path)}
+
+    def as_shown(command: str) -> list[str]:
+        python = shlex.quote(sys.executable)
+        return ["bash", "-c", command.replace("swardmap ", f"exec {python} -m swardmap ", 1)]
+
+    subprocess.run(as_shown(write_files), env=home, cwd=tmp_path, check=True)
+    with subprocess.Popen(
+        as_shown(start), env=home, cwd=tmp_path, stderr=subprocess.PIPE, text=True, bufsize=1
+    ) as node:
+        assert node.stderr is not None
+        said = []
+        for line in node.stderr:
+            said.append(line)
+            if "stop: " in line or " ERROR" in line:
+                break
+        os.kill(node.pid, signal.SIGINT)
+        said += node.stderr.readlines()
+        assert node.wait(timeout=60) == 0, "".join(said)
+    assert any("stop: " in line for line in said), "".join(said)
