@@ -14,6 +14,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -114,16 +115,25 @@ def frames_per_second(path: Path) -> tuple[float, float]:
     return count / (time.process_time() - busy), count / (time.perf_counter() - began)
 
 
-def elsewhere(checkout: Path, path: Path) -> tuple[float, float]:
-    """The same, of another checkout, in a process of its own; its first pass warms up and does not count."""
-    env = os.environ | {"PYTHONPATH": f"{checkout / 'src'}{os.pathsep}{checkout}"}
-    command = [sys.executable, str(Path(__file__).resolve()), "--one", str(path)]
-    done = subprocess.run(command, env=env, cwd=checkout, capture_output=True, text=True, check=True)
-    busy, clock = map(float, done.stdout.split())
-    return busy, clock
+class Reader:
+    """A checkout of swardmap in a process of its own, which reads recordings when it is told to."""
+
+    def __init__(self, checkout: Path) -> None:
+        env = os.environ | {"PYTHONPATH": f"{checkout / 'src'}{os.pathsep}{checkout}"}
+        command = [sys.executable, str(Path(__file__).resolve()), "--serve"]
+        pipe = subprocess.PIPE
+        self.process = subprocess.Popen(command, env=env, cwd=checkout, stdin=pipe, stdout=pipe, text=True)
+
+    def read(self, path: Path) -> tuple[float, float]:
+        """Frames a second of the processor and of the clock."""
+        assert self.process.stdin is not None
+        assert self.process.stdout is not None
+        print(path, file=self.process.stdin, flush=True)
+        busy, clock = map(float, self.process.stdout.readline().split())
+        return busy, clock
 
 
-def row(kind: str, ours: list[tuple[float, float]], theirs: list[tuple[float, float]]) -> str:
+def row(kind: str, ours: Sequence[tuple[float, float]], theirs: Sequence[tuple[float, float]]) -> str:
     """A line of the table: medians, and the medians of the rounds' ratios."""
     cells = [kind, *(f"{median(column):.0f}" for column in zip(*ours, strict=True))]
     if theirs and theirs[0][0] == 0:
@@ -142,25 +152,25 @@ def main() -> None:
     )
     parser.add_argument("--against", type=Path)
     parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--one", type=Path, help=argparse.SUPPRESS)
+    parser.add_argument("--kinds", nargs="+", default=KINDS, choices=KINDS)
+    parser.add_argument("--serve", action="store_true", help=argparse.SUPPRESS)
     args = parser.parse_args()
-    if args.one is not None:
-        frames_per_second(args.one)
-        print(*frames_per_second(args.one))
+    if args.serve:
+        for line in sys.stdin:
+            print(*frames_per_second(Path(line.strip())), flush=True)
         return
     sys.path.insert(0, str(ROOT))
     heads = ["recording (VGA)", "frames/s, processor", "clock"]
     heads += ["before, processor", "clock", "ratio, processor", "clock"] if args.against else []
-    print(f"| {' | '.join(heads)} |\n|---|{'---:|' * (len(heads) - 1)}")
+    print(f"| {' | '.join(heads)} |\n|---|{'---:|' * (len(heads) - 1)}", flush=True)
+    ours, theirs = Reader(ROOT), Reader(args.against) if args.against else None
     with tempfile.TemporaryDirectory() as folder:
-        for kind in KINDS:
+        for kind in args.kinds:
             path = made(kind, Path(folder))
-            ours, theirs = [], []
-            for _ in range(args.rounds):
-                ours.append(elsewhere(ROOT, path))
-                if args.against:
-                    theirs.append(elsewhere(args.against, path))
-            print(row(kind, ours, theirs), flush=True)
+            readers = [ours] if theirs is None else [ours, theirs]
+            rounds = [[reader.read(path) for reader in readers] for _ in range(args.rounds + 1)]
+            now, *before = zip(*rounds[1:], strict=True)  # the first pass warms up
+            print(row(kind, now, before[0] if before else ()), flush=True)
 
 
 if __name__ == "__main__":
