@@ -1,7 +1,9 @@
 """Damage to bytes, drawn by chance: what disks, networks, other programs and attackers do."""
 
 import random
+import re
 import struct
+from itertools import islice
 
 WORDS = (
     b"Infinity", b"NaN", b"-1", b"0", b"1e999", b"9" * 400, b"4294967295", b"\xff\xff\xff\xff", b"\x00" * 8,
@@ -59,13 +61,10 @@ def _damage(data: bytearray, dice: random.Random, others: list[bytes]) -> None:
 
 def _number(data: bytearray, dice: random.Random) -> None:
     """Another number in place of one that is written in digits."""
-    starts = [i for i in range(len(data)) if 48 <= data[i] < 58 and (i == 0 or not 48 <= data[i - 1] < 58)]
-    if not starts:
+    numbers = [found.span() for found in islice(re.finditer(rb"[0-9]+", data), 2000)]
+    if not numbers:
         return
-    start = dice.choice(starts[:2000])
-    end = start
-    while end < len(data) and 48 <= data[end] < 58:
-        end += 1
+    start, end = dice.choice(numbers)
     data[start:end] = dice.choice(
         (b"0", b"-1", b"1e308", b"nan", b"999999999999", b"7", b"9" * 5000, b"0.0", b"")
     )

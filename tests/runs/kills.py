@@ -1,6 +1,7 @@
 """Kills a verb at each of its calls to the file system, and looks at what is left.
 
     python -m tests.runs.kills VERB FOLDER [EVERY]
+    python -m tests.runs.kills all FOLDER [EVERY]      a table of all verbs
 
 A hook of the interpreter (sys.addaudithook) counts the calls that change files below FOLDER, in a process of
 its own, and kills that at the n-th with SIGKILL. What must hold after each kill: the place of the result
@@ -26,6 +27,37 @@ CHANGES = ("os.mkdir", "os.rename", "os.remove", "os.rmdir", "os.link", "os.syml
 WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT
 VARYING = ("timings_ms", "seconds", "command", "versions")
 PLAN, MARKER = "plan.json", ".swardmap"
+TROUBLES = ("lost", "double", "leftovers", "mixed")
+LEFT = ("old", "none", "resumes", "new")
+
+
+class TroubleError(Exception):
+    """What a kill must never do.
+
+    Args:
+        kind: one of `TROUBLES`: a result is gone; there are two; something lies beside it; it is of both.
+        why: for a person.
+    """
+
+    def __init__(self, kind: str, why: str) -> None:
+        super().__init__(f"{kind}: {why}")
+        self.kind = kind
+
+
+@dataclass(frozen=True)
+class Kill:
+    """One kill.
+
+    Attributes:
+        call: at which call to the file system.
+        left: what was then at the place of the result: old, new, none or resumes; empty if it was no whole.
+        trouble: what went wrong, empty if nothing; `kind` of it is one of `TROUBLES`.
+    """
+
+    call: int
+    left: str
+    trouble: str = ""
+    kind: str = ""
 
 
 @dataclass(frozen=True)
@@ -119,10 +151,11 @@ def check_left(out: Path, verb: Verb, old: dict[str, bytes], new: dict[str, byte
     """What a kill left at the place of the result: none, old, new or resumes.
 
     Raises:
-        AssertionError: if it is a mixture.
+        TroubleError: if it is none of these.
     """
     if not out.exists():
-        assert verb.old is None, "the old result is lost"
+        if verb.old is not None:
+            raise TroubleError("lost", "the old result is gone and the new one is not there")
         return "none"
     left = content(out)
     if left == new:
@@ -130,30 +163,67 @@ def check_left(out: Path, verb: Verb, old: dict[str, bytes], new: dict[str, byte
     if verb.old is not None and left == old:
         return "old"
     if verb.grows is not None:
-        for file in out.iterdir():
-            if not file.name.startswith("."):
-                verb.grows(file)
-        assert not {n for n in left if not n.startswith(".")} - new.keys(), "files of another name"
-        return "resumes"
-    assert verb.resumes, f"neither old nor new: {sorted(left)[:8]}"
-    assert left.get(MARKER) == new[MARKER], "it does not say what kind it is"
-    assert left.get(PLAN) == new[PLAN], "it does not say what it is going to be"
-    seen = {n: c for n, c in left.items() if not Path(n).name.startswith(".")}
-    strange = [
-        n for n, c in seen.items() if (n in old and n not in new) or (n in old and c == old[n] != new[n])
-    ]
-    assert not strange, f"of the old result: {strange[:5]}"
+        _grown(out, left, new, verb.grows)
+    elif not verb.resumes:
+        raise TroubleError("mixed", f"neither old nor new: {sorted(left)[:8]}")
+    else:
+        _resumable(left, old, new)
     return "resumes"
 
 
-def kills(verb: Verb, folder: Path, every: int = 1, first: int = 1) -> Iterator[tuple[int, str]]:
-    """Kill at the n-th call, for each n; gives n and what was left. Raises AssertionError for any fault."""
+def _grown(out: Path, left: dict[str, bytes], new: dict[str, bytes], read: Callable[[Path], Any]) -> None:
+    for file in out.iterdir():
+        if not file.name.startswith("."):
+            _whole(file, read)
+    if strange := {n for n in left if not n.startswith(".")} - new.keys():
+        raise TroubleError("mixed", f"files of another name: {sorted(strange)[:5]}")
+
+
+def _resumable(left: dict[str, bytes], old: dict[str, bytes], new: dict[str, bytes]) -> None:
+    if left.get(MARKER) != new[MARKER] or left.get(PLAN) != new[PLAN]:
+        raise TroubleError("mixed", "it does not say what kind it is, or what it is going to be")
+    seen = {n: c for n, c in left.items() if not Path(n).name.startswith(".")}
+    strange = {
+        n for n, c in seen.items() if (n in old and n not in new) or (n in old and c == old[n] != new[n])
+    }
+    if strange:
+        raise TroubleError("mixed", f"of the old result: {sorted(strange)[:5]}")
+
+
+def _whole(file: Path, read: Callable[[Path], Any]) -> None:
+    try:
+        read(file)
+    except Exception as error:  # whatever it is, the file is torn
+        raise TroubleError("mixed", f"{file.name} is not whole: {error}") from error
+
+
+def check_again(out: Path, verb: Verb, new: dict[str, bytes]) -> None:
+    """After the same command again: the bytes of an undisturbed run, and nothing beside them.
+
+    Raises:
+        TroubleError: if they are not.
+    """
+    again = content(out) if out.exists() else {}
+    other = {name for name in again.keys() & new.keys() if again[name] != new[name]}
+    for kind, names in (("lost", new.keys() - again), ("double", again.keys() - new), ("mixed", other)):
+        if names:
+            raise TroubleError(kind, f"after the same command again: {sorted(names)[:8]}")
+    beside = [p for p in out.parent.iterdir() if p.name != verb.name]
+    if double := [p.name for p in beside if p.is_dir() and any(p.iterdir()) and not p.name.startswith(".")]:
+        raise TroubleError("double", f"beside the result: {double}")
+    hidden = [p for p in out.rglob(".*") if p.name != MARKER] if out.is_dir() else []
+    if beside or hidden:
+        raise TroubleError("leftovers", str([p.name for p in (*beside, *hidden)]))
+
+
+def kills(verb: Verb, folder: Path, every: int = 1, first: int = 1) -> Iterator[Kill]:
+    """Kill at the n-th call, for each n, and look at what is left then and after the same command again."""
     undisturbed = folder / "undisturbed" / verb.name
     undisturbed.parent.mkdir(parents=True)
     assert in_child(verb.command, undisturbed, None) == (False, 0), "the command fails by itself"
     new, old = content(undisturbed), dict[str, bytes]()
-    n = first
-    while True:
+    n, killed = first, True
+    while killed:
         here = folder / f"kill{n}"
         here.mkdir()
         out = here / verb.name
@@ -161,19 +231,18 @@ def kills(verb: Verb, folder: Path, every: int = 1, first: int = 1) -> Iterator[
             assert in_child(verb.old, out, None) == (False, 0)
             old = content(out)
         killed, _ = in_child(verb.command, out, n)
-        if killed:
-            left = check_left(out, verb, old, new)
-            in_child(verb.command, out, None)  # refuses a result that is whole
-        again = content(out)
-        other = [name for name in again.keys() | new.keys() if again.get(name) != new.get(name)]
-        assert not other, f"kill {n}: after the same command again these differ: {other}"
-        assert [p.name for p in here.iterdir()] == [verb.name], f"kill {n}: left {list(here.iterdir())}"
-        hidden = [p.name for p in out.rglob(".*") if p.name != MARKER] if out.is_dir() else []
-        assert not hidden, f"kill {n}: left {hidden}"
+        left = ""
+        try:
+            left = check_left(out, verb, old, new) if killed else "new"
+            if killed:
+                in_child(verb.command, out, None)  # refuses a result that is whole
+            check_again(out, verb, new)
+        except TroubleError as trouble:
+            yield Kill(n, left, str(trouble), trouble.kind)
+        else:
+            if killed:
+                yield Kill(n, left)
         shutil.rmtree(here)
-        if not killed:
-            return
-        yield n, left
         n += every
 
 
@@ -272,22 +341,37 @@ def _trained(photos: Path) -> dict[str, Verb]:
     return {"train": Verb(lambda out: train(recipe, photos, out, lambda _: None) and 0, grows=read)}
 
 
-def main(name: str, folder: Path, every: int = 1) -> None:
-    """Kill one verb; prints one line a kill."""
+def main(name: str, folder: Path, every: int = 1) -> int:
+    """Kill one verb, or all; prints a line for each kill, or a row for each verb; 1 if any did harm."""
     import cv2
 
     cv2.setNumThreads(1)  # a process with threads cannot be forked safely
     folder.mkdir(parents=True, exist_ok=True)
-    verb = verbs(folder)[name]
-    warm = folder / "warm" / verb.name
+    found, bad = verbs(folder), 0
+    if name != "all":
+        for kill in killed(found[name], folder, every):
+            print(kill.call, kill.left, kill.trouble, flush=True)  # noqa: T201
+            bad += bool(kill.trouble)
+        return int(bad > 0)
+    print(f"| verb | kills | {' | '.join((*LEFT, *TROUBLES))} |", flush=True)  # noqa: T201
+    for verb in found:
+        done = list(killed(found[verb], folder / verb, every))
+        counts = [sum(k.left == left for k in done) for left in LEFT]
+        counts += [sum(k.kind == kind for k in done) for kind in TROUBLES]
+        print(f"| {verb} | {len(done)} | {' | '.join(map(str, counts))} |", flush=True)  # noqa: T201
+        for kill in done:
+            if kill.trouble:
+                print(f"  kill at call {kill.call}: {kill.trouble}", flush=True)  # noqa: T201
+                bad += 1
+    return int(bad > 0)
+
+
+def killed(verb: Verb, folder: Path, every: int) -> Iterator[Kill]:
+    """The kills of a verb that has run once before, so that children find all loaded and compiled."""
     with Path(os.devnull).open("w") as nothing, redirect_stdout(nothing), redirect_stderr(nothing):
-        verb.command(warm)  # loads and compiles all that the children need
-    count = 0
-    for n, left in kills(verb, folder, every):
-        print(n, left, flush=True)  # noqa: T201
-        count += 1
-    print(f"{name}: {count} kills", flush=True)  # noqa: T201
+        verb.command(folder / "warm" / verb.name)
+    return kills(verb, folder, every)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], Path(sys.argv[2]).resolve(), int(sys.argv[3]) if len(sys.argv) > 3 else 1)
+    sys.exit(main(sys.argv[1], Path(sys.argv[2]).resolve(), int(sys.argv[3]) if len(sys.argv) > 3 else 1))

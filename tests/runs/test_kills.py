@@ -22,7 +22,7 @@ VERBS = (
     "train",
 )
 EVERY = {"record": 1, "record_over": 1, "node_save": 9, "train": 9}
-"""Calls from one kill to the next, else 5; `python -m tests.runs.kills` takes any."""
+"""Calls from one kill to the next, else 5; `python -m tests.runs.kills all` takes any."""
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs processes of POSIX")
 
 
