@@ -142,6 +142,11 @@ class WatchdogConfig(Checked):
         "a camera that went faster than this, and over 0.5 m, between two images; none = never",
         minimum=0.1,
     )
+    doubt_limit: float | None = setting(
+        1.0,
+        "view, pose and mount may differ by so many times what is usual before a warning; none = never",
+        minimum=0.1,
+    )
     queue_s: float = setting(1.0, "a queue that was full for so long", minimum=0)
     forget_s: float = setting(
         2.0, "while something demands a stop: free cells not seen for so long turn unknown", minimum=0

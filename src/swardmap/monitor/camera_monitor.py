@@ -5,8 +5,10 @@ from collections import deque
 from collections.abc import Iterable
 
 from swardmap.config import WatchdogConfig
+from swardmap.geometry import Pose
 from swardmap.monitor.diagnostics import Fault, FrameStats, in_ns
 from swardmap.monitor.step_watch import StepWatch, step_counts
+from swardmap.monitor.view_watch import ViewWatch
 
 NS = 1_000_000_000
 MAX_ARRIVALS = 16384
@@ -31,16 +33,12 @@ class CameraMonitor:
         self._since_ns: dict[Fault, int] = {}  # arrival at which a bad image was first seen
         self._jumped_ns: dict[Fault, int] = {}
         self._step = StepWatch(config.step_ratio)
+        self._views = ViewWatch(config.doubt_limit)
 
     def observe(self, stats: FrameStats) -> bool:
         """Take one frame; returns whether it may go into the map."""
-        last, fit = self._last, True
-        if last is not None:
-            ahead_ns = (stats.stamp_ns - last.stamp_ns) - (stats.arrival_ns - last.arrival_ns)
-            if stats.stamp_ns <= last.stamp_ns:
-                self._jumped_ns[Fault.JUMPED_BACK], fit = stats.arrival_ns, False
-            elif ahead_ns > in_ns(self._config.jump_s):
-                self._jumped_ns[Fault.JUMPED_AHEAD], fit = stats.arrival_ns, False
+        last = self._last
+        fit = last is None or not self._stamp_jumped(stats, last)
         found = image_faults(stats, last, self._config) | {Fault.OUT_OF_STEP: self._out_of_step(stats, last)}
         for fault, bad in found.items():
             if fault == Fault.JUMPED_POSE:  # over with the next image, and told for a while
@@ -52,6 +50,8 @@ class CameraMonitor:
             else:
                 self._since_ns.setdefault(fault, stats.arrival_ns)
             fit = fit and not bad
+        if fit:
+            self._views.add(stats)
         if last is not None and stats.arrival_ns - last.arrival_ns > in_ns(self._config.stopped_s):
             self._begin(stats.arrival_ns)  # it had stopped, which was said; its rate counts from now
         self._last = stats
@@ -59,6 +59,16 @@ class CameraMonitor:
         while self._arrivals[0] < stats.arrival_ns - in_ns(self._span_s):
             self._arrivals.popleft()
         return fit
+
+    def _stamp_jumped(self, stats: FrameStats, last: FrameStats) -> bool:
+        ahead_ns = (stats.stamp_ns - last.stamp_ns) - (stats.arrival_ns - last.arrival_ns)
+        if stats.stamp_ns <= last.stamp_ns:
+            self._jumped_ns[Fault.JUMPED_BACK] = stats.arrival_ns
+        elif ahead_ns > in_ns(self._config.jump_s):
+            self._jumped_ns[Fault.JUMPED_AHEAD] = stats.arrival_ns
+        else:
+            return False
+        return True
 
     def observe_mask(self, unfamiliar: bool, arrival_ns: int) -> None:
         """Take whether the segmenter knows images such as the one that arrived then.
@@ -69,6 +79,10 @@ class CameraMonitor:
             self._since_ns.setdefault(Fault.UNFAMILIAR, arrival_ns)
         else:
             self._since_ns.pop(Fault.UNFAMILIAR, None)
+
+    def observe_ground(self, T_map_camera: Pose, slope: tuple[float, float]) -> None:
+        """Take the ground that a frame has shown, as (dz/dx, dz/dy) in the map."""
+        self._views.add_ground(T_map_camera, slope)
 
     def _out_of_step(self, stats: FrameStats, last: FrameStats | None) -> bool:
         return self._step.add(None if last is None else step_counts(last.edges, stats.edges))
@@ -99,6 +113,7 @@ class CameraMonitor:
         """The clock went back: arrivals so far mean nothing."""
         self._last, self._since_ns, self._jumped_ns = None, {}, {}
         self._step = StepWatch(self._config.step_ratio)
+        self._views = ViewWatch(self._config.doubt_limit)
         self._begin(now_ns)
 
     def rate_hz(self, now_ns: int) -> float:
@@ -130,6 +145,7 @@ class CameraMonitor:
         for fault, since_ns in self._since_ns.items():
             if now_ns - since_ns >= in_ns(_needed_s(fault, config)):
                 yield fault, f"for {(now_ns - since_ns) / NS:.2f} s"
+        yield from self._views.doubts().items()
         yield from self._rate_faults(now_ns, active_ns)
 
     def _rate_faults(self, now_ns: int, active_ns: int) -> Iterable[tuple[Fault, str]]:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swardmap.geometry import Intrinsics, Pose
+from swardmap.monitor.seen_motion import View, view_of
 from swardmap.monitor.step_watch import STEP as EDGE_STEP
 from swardmap.monitor.step_watch import EdgeLook, edge_look
 from swardmap.types import Frame, depth_in_metres
@@ -52,10 +53,19 @@ class Fault(StrEnum):
     IDLE = "idle"
     IMPLAUSIBLE = "implausible view"
     JUMPED_POSE = "pose jumped"
+    MOTION = "motion mismatch"
+    MISALIGNED = "misaligned"
+    TILTED = "tilted ground"
 
 
-WARNINGS = frozenset({Fault.SLOW, Fault.FALLING_RATE, Fault.FULL_QUEUE, Fault.BLIND, Fault.IMPLAUSIBLE})
-"""Faults that leave the map right, if late or with nothing new in it; every other one demands a stop."""
+DOUBTS = frozenset({Fault.MOTION, Fault.MISALIGNED, Fault.TILTED})
+"""Of pose, mount or depth: told by many frames together, each of which is mapped."""
+
+MAPPED = DOUBTS | {Fault.UNFAMILIAR}
+"""Faults of frames that go into the map; an unfamiliar one clears nothing there."""
+
+WARNINGS = DOUBTS | {Fault.SLOW, Fault.FALLING_RATE, Fault.FULL_QUEUE, Fault.BLIND, Fault.IMPLAUSIBLE}
+"""Faults that a person is to look at; every other one demands a stop."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,6 +146,7 @@ class FrameStats:
         upside_down: whether the ground lies where it would be in an image turned over; None = not judged.
         edges: of colour and depth, to tell whether they are of one time; None = not looked for.
         position_m: of the camera in the map; None = not known.
+        view: to tell whether the camera moves as its poses say; None = it has no pose.
     """
 
     stamp_ns: int
@@ -147,6 +158,7 @@ class FrameStats:
     upside_down: bool | None = None
     edges: EdgeLook | None = None
     position_m: tuple[float, float, float] | None = None
+    view: View | None = None
 
 
 def in_ns(seconds: float) -> int:
@@ -180,6 +192,7 @@ def frame_stats(frame: Frame, arrival_ns: int, T_base_camera: Pose | None = None
         flipped,
         edge_look(frame.rgb[::finer, ::finer], finer_m),
         None if frame.T_map_camera is None else (x, y, z),
+        view_of(frame),
     )
 
 

@@ -9,6 +9,7 @@ from collections.abc import Collection, Iterable
 
 from swardmap.config import WatchdogConfig
 from swardmap.errors import InvalidValueError
+from swardmap.geometry import Pose
 from swardmap.monitor.camera_monitor import CameraMonitor
 from swardmap.monitor.diagnostics import Diagnosis, Fault, FrameStats, HealthReport, Latency, Severity, in_ns
 from swardmap.types import Segmentation
@@ -62,6 +63,19 @@ class Watchdog:
             InvalidValueError: for a camera that was not named.
         """
         self._camera(camera).observe_mask(segmentation.is_unfamiliar(self._config.unfamiliar), arrival_ns)
+
+    def observe_ground(self, camera: str, T_map_camera: Pose, slope: tuple[float, float]) -> None:
+        """Take the ground that a frame of a camera has shown.
+
+        Args:
+            camera: its name.
+            T_map_camera: pose of the frame.
+            slope: (dz/dx, dz/dy) of the ground in the map.
+
+        Raises:
+            InvalidValueError: for a camera that was not named.
+        """
+        self._camera(camera).observe_ground(T_map_camera, slope)
 
     def observe_refused_stamp(self, camera: str, now_ns: int) -> None:
         """Take that a frame was left out before it could be looked at: its stamp is not after the last.

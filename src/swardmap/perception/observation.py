@@ -87,6 +87,14 @@ class Observation:
         return OccupancyGrid(self.spec, self.classes, self.stamp_ns)
 
     @property
+    def ground_slope(self) -> tuple[float, float] | None:
+        """(dz/dx, dz/dy) of the ground that this view itself has shown, in the map; None = none."""
+        if self.ground is None or self.ground.carried:
+            return None
+        a, b, _ = self.ground.plane.tolist()
+        return a, b
+
+    @property
     def semantic_grid(self) -> OccupancyGrid:
         """The same from the network's classes alone."""
         return OccupancyGrid(self.spec, self.semantic, self.stamp_ns)

@@ -107,6 +107,9 @@ class WatchedMapper:
             x, y, _ = step.T_map_camera.position_m.tolist()
             self.viewpoint_m = x, y
         self.mapped[camera] += 1
+        if frame.T_map_camera is not None and (slope := step.observation.ground_slope) is not None:
+            with self._watch_lock:
+                self._watchdog.observe_ground(camera, step.T_map_camera, slope)
         return replace(step, frame=frame)
 
     def watch_frame(self, camera: str, frame: Frame, arrival_ns: int) -> bool:

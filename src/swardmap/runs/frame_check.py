@@ -15,6 +15,7 @@ from swardmap.geometry import Pose
 from swardmap.monitor.camera_monitor import image_faults
 from swardmap.monitor.diagnostics import Fault, FrameStats, frame_stats
 from swardmap.monitor.step_watch import StepCounts, StepWatch, step_counts
+from swardmap.monitor.view_watch import ViewWatch
 from swardmap.types import Frame, Segmentation
 
 CAMERA_HEIGHTS_M = (0.05, 5.0)
@@ -30,7 +31,8 @@ class FrameCheck:
         strict: stop at the first frame with a fault.
         faults: how many frames had each fault, by the name that the node uses.
         first: name of the first frame with each fault.
-        refused: frames with any but `unfamiliar`, of which the mask tells later.
+        refused: frames with any that the node does not map either.
+        doubts: what was last said of pose, mount or depth, by the fault; such frames are mapped.
     """
 
     config: WatchdogConfig
@@ -38,11 +40,14 @@ class FrameCheck:
     faults: dict[str, int] = field(default_factory=dict)
     first: dict[str, str] = field(default_factory=dict)
     refused: int = 0
+    doubts: dict[str, str] = field(default_factory=dict)
     _last: FrameStats | None = None
     _step: StepWatch = field(init=False)
+    _views: ViewWatch = field(init=False)
 
     def __post_init__(self) -> None:
         self._step = StepWatch(self.config.step_ratio)
+        self._views = ViewWatch(self.config.doubt_limit)
 
     def is_fit(self, frame: Frame, T_base_camera: Pose | None = None) -> bool:
         """Whether a frame may go into the map; it is counted where not.
@@ -62,6 +67,8 @@ class FrameCheck:
         self._last = stats
         self.refused += bool(found)
         self._count(found, frame)
+        if not found:
+            self._doubt(self._views.add(stats), frame)
         return not found
 
     def take_mask(self, frame: Frame, segmentation: Segmentation) -> None:
@@ -73,17 +80,53 @@ class FrameCheck:
         if segmentation.is_unfamiliar(self.config.unfamiliar):
             self._count([Fault.UNFAMILIAR], frame)
 
+    def take_ground(self, frame: Frame, slope: tuple[float, float] | None) -> None:
+        """Take the ground that a frame has shown in the map, as (dz/dx, dz/dy); None = none of its own."""
+        if frame.T_map_camera is not None and slope is not None:
+            self._doubt([Fault.TILTED] * self._views.add_ground(frame.T_map_camera, slope), frame)
+
+    def _doubt(self, found: Sequence[Fault], frame: Frame) -> None:
+        """Count a frame that is mapped although pose, mount or depth are in doubt."""
+        self._note(found, frame)
+        told = self._views.doubts()
+        self.doubts |= {str(fault): told[fault] for fault in found if fault in told}
+
     def _count(self, found: Sequence[Fault], frame: Frame) -> None:
-        name = frame.name or str(frame.stamp_ns)
+        self._note(found, frame)
+        if found and self.strict:
+            name = frame.name or str(frame.stamp_ns)
+            raise InputError(f"frame {name}: {', '.join(found)} (--strict stops here)")
+
+    def _note(self, found: Sequence[Fault], frame: Frame) -> None:
         for fault in found:
             self.faults[str(fault)] = self.faults.get(str(fault), 0) + 1
-            self.first.setdefault(str(fault), name)
-        if found and self.strict:
-            raise InputError(f"frame {name}: {', '.join(found)} (--strict stops here)")
+            self.first.setdefault(str(fault), frame.name or str(frame.stamp_ns))
 
     def fit(self, frames: Iterable[Frame]) -> Iterator[Frame]:
         """The frames that may go into the map."""
         return (frame for frame in frames if self.is_fit(frame))
+
+
+DOUBTED = {
+    Fault.MOTION: "check the pose, the way the camera is mounted (yaw), and the depth unit",
+    Fault.MISALIGNED: "align depth to colour, with the calibration of this camera",
+    Fault.TILTED: "check the pitch and roll that the camera is mounted with",
+}
+"""What a person is to look at."""
+
+
+def doubt_warnings(watchdog: Mapping[str, Any]) -> list[str]:
+    """One line for each doubt of pose, mount or depth.
+
+    Args:
+        watchdog: `faults`, `first` and `doubts` of a `FrameCheck`, by these names.
+    """
+    return [
+        f"{fault} (from frame {watchdog['first'][fault]} on, {watchdog['faults'][fault]} frames): "
+        f"{watchdog['doubts'][fault]}; {advice}"
+        for fault, advice in DOUBTED.items()
+        if fault in watchdog["doubts"]
+    ]
 
 
 def _over_ground(T_map_camera: Pose | None) -> Pose | None:

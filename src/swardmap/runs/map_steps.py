@@ -66,6 +66,7 @@ def _looked_at(steps: Iterator[StepResult], check: FrameCheck) -> Iterator[StepR
     """The steps, their masks counted by the check."""
     for step in steps:
         check.take_mask(step.frame, step.segmentation)
+        check.take_ground(step.frame, step.observation.ground_slope)
         yield step
 
 

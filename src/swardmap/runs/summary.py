@@ -12,10 +12,10 @@ from swardmap.grid import OccupancyGrid
 from swardmap.io import FrameSource
 from swardmap.kernels.compiled import machine_code_count
 from swardmap.labels import MapClass
-from swardmap.monitor.diagnostics import Fault
+from swardmap.monitor.diagnostics import MAPPED, Fault
 from swardmap.perception.observation import PixelCounts
 from swardmap.pipeline import StepResult
-from swardmap.runs.frame_check import FrameCheck
+from swardmap.runs.frame_check import FrameCheck, doubt_warnings
 from swardmap.runs.versions import versions
 
 LOST_PIXELS = (
@@ -121,7 +121,12 @@ def summarise(
         "frames": totals.frames,
         "frames_without_pose": totals.without_pose,
         "skipped": dict(source.skipped),
-        "watchdog": {"refused": check.refused, "faults": check.faults, "first": check.first},
+        "watchdog": {
+            "refused": check.refused,
+            "faults": check.faults,
+            "first": check.first,
+            "doubts": check.doubts,
+        },
         "segmenter": segmenter_name,
         "pixels": asdict(totals.pixels) if totals.pixels else {},
         "evidence_cells": totals.evidence or None,
@@ -165,6 +170,7 @@ def warnings_of(summary: Mapping[str, Any]) -> list[str]:
             f"{strange} of {summary['frames']} frames are unfamiliar to the network and cleared nothing: "
             "look at the lens and the light; another kind of lawn it can be taught (docs/models.md)"
         )
+    found += doubt_warnings(summary["watchdog"])
     without = summary["ground"]["frames_without"]
     if without > MOST * summary["frames"]:
         found.append(
@@ -299,7 +305,7 @@ def _left_out(summary: Mapping[str, Any]) -> list[str]:
     lines = left_out_lines(summary["skipped"], firsts)
     watchdog = summary["watchdog"]
     if watchdog["refused"]:
-        first = _firsts({k: v for k, v in watchdog["first"].items() if k != Fault.UNFAMILIAR})
+        first = _firsts({k: v for k, v in watchdog["first"].items() if k not in MAPPED})
         lines.append(f"not mapped, as the node would not: {_refused(watchdog)} (first: {first})")
     strange = watchdog["faults"].get(Fault.UNFAMILIAR, 0)
     if strange:
@@ -316,7 +322,7 @@ def _firsts(first: Mapping[str, str]) -> str:
 
 def _refused(watchdog: Mapping[str, Any]) -> str:
     """How many frames were not mapped, by fault."""
-    return ", ".join(f"{n} x {fault}" for fault, n in watchdog["faults"].items() if fault != Fault.UNFAMILIAR)
+    return ", ".join(f"{n} x {fault}" for fault, n in watchdog["faults"].items() if fault not in MAPPED)
 
 
 def pixel_lines(pixels: Mapping[str, int]) -> list[str]:
