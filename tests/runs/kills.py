@@ -1,7 +1,6 @@
 """Kills a verb at each of its calls to the file system, and looks at what is left.
 
-    python -m tests.runs.kills VERB FOLDER [EVERY]
-    python -m tests.runs.kills all FOLDER [EVERY]      a table of all verbs
+    python -m tests.runs.kills FOLDER EVERY [VERB ...]      a row for each verb, of a kill at every n-th call
 
 A hook of the interpreter (sys.addaudithook) counts the calls that change files below FOLDER, in a process of
 its own, and kills that at the n-th with SIGKILL. What must hold after each kill: the place of the result
@@ -15,7 +14,7 @@ import re
 import shutil
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, replace
 from hashlib import sha256
@@ -218,18 +217,23 @@ def check_again(out: Path, verb: Verb, new: dict[str, bytes]) -> None:
 
 def kills(verb: Verb, folder: Path, every: int = 1, first: int = 1) -> Iterator[Kill]:
     """Kill at the n-th call, for each n, and look at what is left then and after the same command again."""
-    undisturbed = folder / "undisturbed" / verb.name
+    undisturbed, older = (folder / name / verb.name for name in ("undisturbed", "older"))
     undisturbed.parent.mkdir(parents=True)
     assert in_child(verb.command, undisturbed, None) == (False, 0), "the command fails by itself"
     new, old = content(undisturbed), dict[str, bytes]()
+    if verb.old is not None:
+        older.parent.mkdir()
+        assert in_child(verb.old, older, None) == (False, 0)
+        old = content(older)
     n, killed = first, True
     while killed:
         here = folder / f"kill{n}"
         here.mkdir()
         out = here / verb.name
-        if verb.old is not None:
-            assert in_child(verb.old, out, None) == (False, 0)
-            old = content(out)
+        if older.is_dir():
+            shutil.copytree(older, out)
+        elif older.exists():
+            shutil.copy(older, out)
         killed, _ = in_child(verb.command, out, n)
         left = ""
         try:
@@ -341,27 +345,22 @@ def _trained(photos: Path) -> dict[str, Verb]:
     return {"train": Verb(lambda out: train(recipe, photos, out, lambda _: None) and 0, grows=read)}
 
 
-def main(name: str, folder: Path, every: int = 1) -> int:
-    """Kill one verb, or all; prints a line for each kill, or a row for each verb; 1 if any did harm."""
+def main(folder: Path, every: int, names: Sequence[str]) -> int:
+    """Kill the verbs named, or all; prints a row for each; 1 if any kill did harm."""
     import cv2
 
     cv2.setNumThreads(1)  # a process with threads cannot be forked safely
     folder.mkdir(parents=True, exist_ok=True)
     found, bad = verbs(folder), 0
-    if name != "all":
-        for kill in killed(found[name], folder, every):
-            print(kill.call, kill.left, kill.trouble, flush=True)  # noqa: T201
-            bad += bool(kill.trouble)
-        return int(bad > 0)
     print(f"| verb | kills | {' | '.join((*LEFT, *TROUBLES))} |", flush=True)  # noqa: T201
-    for verb in found:
-        done = list(killed(found[verb], folder / verb, every))
+    for name in names or found:
+        done = list(killed(found[name], folder / name, every))
         counts = [sum(k.left == left for k in done) for left in LEFT]
         counts += [sum(k.kind == kind for k in done) for kind in TROUBLES]
-        print(f"| {verb} | {len(done)} | {' | '.join(map(str, counts))} |", flush=True)  # noqa: T201
+        print(f"| {name} | {len(done)} | {' | '.join(map(str, counts))} |", flush=True)  # noqa: T201
         for kill in done:
             if kill.trouble:
-                print(f"  kill at call {kill.call}: {kill.trouble}", flush=True)  # noqa: T201
+                print(f"kill at call {kill.call} of {name}: {kill.trouble}", flush=True)  # noqa: T201
                 bad += 1
     return int(bad > 0)
 
@@ -374,4 +373,4 @@ def killed(verb: Verb, folder: Path, every: int) -> Iterator[Kill]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1], Path(sys.argv[2]).resolve(), int(sys.argv[3]) if len(sys.argv) > 3 else 1))
+    sys.exit(main(Path(sys.argv[1]).resolve(), int(sys.argv[2]), sys.argv[3:]))
