@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swardmap.monitor.seen_motion import View, seen_motion
 
@@ -21,8 +22,8 @@ LONGEST_M, LONGEST_NS = 1.5, 3_000_000_000
 
 AHEAD, ASIDE = 0.07, 0.035
 """Metres a metre of way by which view and pose may differ: twice what good depth and odometry are out by."""
-GROSS = 0.3
-"""Likewise, of one pair alone."""
+GROSS, GROSS_TURN, GROSS_RAD = 0.3, 0.5, np.deg2rad(2)
+"""Likewise, of one pair alone; and so much of a turn, if it is so much."""
 LEAST_WAY_M = 0.1
 """Of a pair, to say how much a metre of way it is out; with less, only what is gross by this way counts."""
 WINDOW, LEAST, LEAST_GROSS = 12, 6, 4
@@ -47,16 +48,23 @@ class PairOff:
 
 def pair_off(before: View, now: View) -> PairOff | None:
     """By how much two views differ; None where too little is seen to tell."""
-    seen_m = seen_motion(before, now)
-    if seen_m is None:
+    seen = seen_motion(before, now)
+    if seen is None:
         return None
-    said_m = now.T_map_camera.position_m - before.T_map_camera.position_m
-    off, way_m = (seen_m - said_m)[:2], float(np.hypot(*said_m[:2]))
+    start, said = before.T_map_camera.matrix, now.T_map_camera.matrix
+    said_m = said[:3, 3] - start[:3, 3]
+    off, way_m = (seen - said)[:2, 3], float(np.hypot(*said_m[:2]))
     is_gross = float(np.hypot(*off)) > GROSS * max(way_m, LEAST_WAY_M / GROSS)
+    is_gross |= _turn_rad(seen, said) > max(GROSS_RAD, GROSS_TURN * _turn_rad(start, said))
     if way_m < LEAST_WAY_M:
         return PairOff(None, None, is_gross)
     x, y = said_m[:2] / way_m
     return PairOff(float(off @ (x, y)) / way_m, float(off @ (-y, x)) / way_m, is_gross)
+
+
+def _turn_rad(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
+    between = one[:3, :3].T @ other[:3, :3]
+    return float(np.arccos(np.clip((np.trace(between) - 1) / 2, -1, 1)))
 
 
 @dataclass(slots=True)
@@ -101,10 +109,9 @@ class MotionWatch:
 
 
 def _are_apart(key: View, view: View) -> bool:
-    between = key.T_map_camera.inverse().matrix @ view.T_map_camera.matrix
-    turned = np.arccos(np.clip((np.trace(between[:3, :3]) - 1) / 2, -1, 1))
-    passed_ns = view.stamp_ns - key.stamp_ns
-    return bool(np.linalg.norm(between[:3, 3]) >= STEP_M or turned >= STEP_RAD or passed_ns >= STEP_NS)
+    one, two = key.T_map_camera.matrix, view.T_map_camera.matrix
+    way_m = float(np.linalg.norm(two[:3, 3] - one[:3, 3]))
+    return way_m >= STEP_M or _turn_rad(one, two) >= STEP_RAD or view.stamp_ns - key.stamp_ns >= STEP_NS
 
 
 def _may_compare(key: View, view: View) -> bool:

@@ -77,15 +77,15 @@ def view_of(frame: Frame) -> View | None:
 
 
 def seen_motion(before: View, now: View) -> Float64 | None:
-    """Where the camera went from one view to another, by what it saw.
+    """Where the camera of the second view is, by what it saw.
 
     Args:
         before: the first view.
         now: the second, of the same size.
 
     Returns:
-        (3,) metres from the first position to the second, in the frame of the map, if the first pose holds;
-        None where too little can be followed to tell.
+        (4, 4) pose of the second view in the map, if that of the first holds; None where too little can be
+        followed to tell.
     """
     pixels, points = _corners(before)
     T = now.T_map_camera.inverse().matrix @ before.T_map_camera.matrix
@@ -100,7 +100,9 @@ def seen_motion(before: View, now: View) -> Float64 | None:
     R, t, fits = _fitted(points, found, now.intrinsics, T[:3, :3].copy(), T[:3, 3].copy())
     if fits < max(FEWEST, LEAST_SHARE * len(points)):
         return None
-    return np.asarray(before.T_map_camera.matrix[:3, :3] @ (-R.T @ t), np.float64)
+    T_before_now = np.eye(4)
+    T_before_now[:3, :3], T_before_now[:3, 3] = R.T, -R.T @ t
+    return np.asarray(before.T_map_camera.matrix @ T_before_now, np.float64)
 
 
 def _corners(view: View) -> tuple[Float64, Float64]:
