@@ -167,3 +167,16 @@ def test_sections_of_docstrings_are_pairs() -> None:
 
 def test_version_is_in_the_changelog() -> None:
     assert f"[{swardmap.__version__}]" in (ROOT / "CHANGELOG.md").read_text()
+
+
+def test_no_reader_lists_by_hand_what_a_parser_may_raise() -> None:
+    """Nobody knows what a parser raises: `io.door.reading` takes whatever it is."""
+    listed = [
+        f"{file.relative_to(SOURCE)}:{node.lineno}"
+        for file in sorted((SOURCE / "io").rglob("*.py"))
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ExceptHandler)
+        and isinstance(node.type, ast.Tuple)
+        and len(node.type.elts) > 3
+    ]
+    assert not listed, f"use `with reading(...)`: {listed}"

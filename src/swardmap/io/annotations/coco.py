@@ -24,7 +24,7 @@ from swardmap.io.annotations.masks import (
     ids_by_name,
     runs_to_flat,
 )
-from swardmap.io.door import through_door
+from swardmap.io.door import reading, through_door
 from swardmap.io.files import read_bytes
 from swardmap.labels import GRASS_OBSTACLE_PERSON, LabelSet, Role
 
@@ -61,7 +61,7 @@ def read_coco(
         InputError: if it is damaged, or has a class that means nothing.
     """
     file = Path(file)
-    try:
+    with reading(file, "COCO instances"):
         tree = json.loads(read_bytes(file))
         names = {entry["id"]: str(entry["name"]) for entry in tree["categories"]}
         images = {i["id"]: (image_name(i, tree), int(i["height"]), int(i["width"])) for i in tree["images"]}
@@ -69,8 +69,6 @@ def read_coco(
         for a in tree["annotations"]:
             shape = Shape(names[a["category_id"]], a.get("segmentation"), a.get("bbox"))
             of_image[a["image_id"]].append(shape)
-    except (ValueError, TypeError, KeyError, AttributeError, RecursionError, OverflowError) as error:
-        raise InputError(f"{file}: expected COCO instances; missing or damaged: {error}") from error
     used = [shape.category for shapes in of_image.values() for shape in shapes]
     ids = ids_by_name([BACKGROUND, *used], target, classes, str(file), guess)
     boxes = sum(not _has_outline(shape) for shapes in of_image.values() for shape in shapes)

@@ -21,7 +21,7 @@ from swardmap.io.annotations.masks import (
     ids_by_name,
     runs_to_flat,
 )
-from swardmap.io.door import through_door
+from swardmap.io.door import reading, through_door
 from swardmap.io.files import read_bytes
 from swardmap.labels import GRASS_OBSTACLE_PERSON, LabelSet
 
@@ -82,18 +82,14 @@ class _NoDoctype(ET.TreeBuilder):
 
     def doctype(self, *_: str | None) -> None:
         """Called for <!DOCTYPE>."""
-        raise InputError("a document type is not expected in annotations")
+        raise ValueError("a document type is not expected in annotations")
 
 
 def _parsed(content: bytes, file: Path) -> ET.Element:
     parser = ET.XMLParser(target=_NoDoctype())  # noqa: S314 - without a document type no entities
-    try:
+    with reading(file, "XML"):
         parser.feed(content)
         root = parser.close()
-    except (ET.ParseError, ValueError, LookupError) as error:
-        raise InputError(f"{file}: not readable as XML: {error}") from error
-    except InputError as error:
-        raise InputError(f"{file}: {error}") from error
     assert isinstance(root, ET.Element)  # noqa: S101 - narrows the type: TreeBuilder's result
     return root
 

@@ -27,13 +27,12 @@ from swardmap.io.annotations.masks import (
     guessed,
     ids_by_name,
 )
-from swardmap.io.door import through_door
+from swardmap.io.door import reading, through_door
 from swardmap.io.files import read_bytes
 from swardmap.labels import GRASS_OBSTACLE_PERSON, LabelSet
 
 KINDS = ("polygonlabels", "rectanglelabels", "ellipselabels", "brushlabels")
 ELLIPSE_CORNERS = 256
-DAMAGE = (ValueError, TypeError, KeyError, AttributeError, IndexError, RecursionError, OverflowError)
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,10 +67,8 @@ def read_label_studio(
             means nothing.
     """
     file = Path(file)
-    try:
+    with reading(file, "Label Studio's export JSON"):
         images = {_image(task): list(_regions(task, file)) for task in json.loads(read_bytes(file))}
-    except DAMAGE as error:
-        raise InputError(f"{file}: expected Label Studio's export JSON; damaged: {error}") from error
     used = [region.label for regions in images.values() for region in regions]
     ids = ids_by_name([BACKGROUND, *used], target, classes, str(file), guess)
     readers: dict[str, Callable[[], Mask]] = {}
@@ -108,13 +105,11 @@ def _painted(regions: list[Region], ids: Mapping[str, int], target: LabelSet, wh
     mask = blank_mask(height, width, ids[BACKGROUND], where)
     for i in by_gravity([ids[region.label] for region in regions], target):
         region, value = regions[i], ids[regions[i].label]
-        try:
+        with reading(where, f"whole {region.kind}"):
             if region.kind == "brushlabels":
                 mask[decode_brush(region.value["rle"], height, width)] = value
             else:
                 fill_polygon(mask, _corners(region) * [width / 100, height / 100], value, where)
-        except DAMAGE as error:
-            raise InputError(f"{where}: damaged {region.kind}: {error}") from error
     return mask
 
 

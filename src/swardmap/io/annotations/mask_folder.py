@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from swardmap.errors import InputError, SwardmapError
+from swardmap.errors import InputError
 from swardmap.io.annotations.image_names import original_name
 from swardmap.io.annotations.masks import BACKGROUND, Mask, Masks, add_reader, guessed, ids_by_name
-from swardmap.io.door import parse_yaml, through_door
+from swardmap.io.door import parse_yaml, reading, through_door
 from swardmap.io.files import inside, read_bytes, write_bytes, write_text
 from swardmap.io.folders import new_output_folder
 from swardmap.io.images import read_mask
@@ -93,14 +93,9 @@ def read_classes(file: Path) -> LabelSet:
     Raises:
         InputError: if it is none.
     """
-    import yaml
-
-    try:
+    with reading(file, "classes with id, name, role and color"):
         entries = parse_yaml(read_bytes(file, 2**20), file)["classes"]
         return LabelSet(tuple(map(_class, entries)))
-    except (yaml.YAMLError, SwardmapError, ValueError, TypeError, LookupError, OverflowError) as error:
-        reason = " ".join(str(error).split())[:200]
-        raise InputError(f"{file}: expected classes with id, name, role and color: {reason}") from error
 
 
 def _class(entry: Mapping[str, Any]) -> LabelClass:

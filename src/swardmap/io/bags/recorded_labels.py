@@ -6,9 +6,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from swardmap.errors import InputError, InvalidValueError
+from swardmap.errors import InputError
 from swardmap.io.bags.reader import Bag
 from swardmap.io.bags.ros_messages import image_array
+from swardmap.io.door import reading
 from swardmap.labels import LabelClass, LabelSet
 
 IMAGES, CLASSES = "/labels/image_raw", "/labels/classes"
@@ -39,13 +40,9 @@ def find_labels(bag: Bag) -> LabelTopic | None:
 
 
 def _label_set(text: str, who: str) -> LabelSet:
-    try:
+    with reading(who, "classes in JSON, with id, name, role and color"):
         found = [LabelClass(**{**c, "color": tuple(c["color"])}) for c in json.loads(text)]
         return LabelSet(tuple(found))
-    except (ValueError, TypeError, KeyError, RecursionError, InvalidValueError) as error:
-        raise InputError(
-            f"{who}: expected classes in JSON, with id, name, role and color: {error}"
-        ) from error
 
 
 @dataclass(slots=True)

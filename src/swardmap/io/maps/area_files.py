@@ -12,19 +12,16 @@ from numpy.typing import NDArray
 from swardmap.config import AreaConfig
 from swardmap.config.outputs import YAML_SUFFIXES
 from swardmap.errors import InputError, InvalidValueError
-from swardmap.io.door import parse_yaml, through_door
+from swardmap.io.door import parse_yaml, reading, through_door
 from swardmap.io.files import read_bytes
 from swardmap.io.maps.area_roles import Found, role_of
-from swardmap.io.maps.kml import KML_DAMAGE, from_kml
+from swardmap.io.maps.kml import from_kml
 from swardmap.mapping.work_area import AreaRole, Polygon, WorkArea, projected
 
 MAX_BYTES = 20_000_000
 MAX_POLYGONS = 2_000
 RECORD_SEPARATOR = "\x1e"
 WGS84_NAMES = ("CRS84", "4326", "WGS84", "WGS 84")
-
-DAMAGE = (ValueError, TypeError, AttributeError, LookupError, OverflowError, RecursionError, *KML_DAMAGE)
-"""What a file that is not what it should be makes the parsers raise."""
 
 
 def read_area(config: AreaConfig) -> WorkArea | None:
@@ -55,15 +52,9 @@ def read_metric_area(path: str | Path, frame_id: str = "map", cost: int = 254) -
     Raises:
         InputError: if it is no such file, or the polygon crosses itself or encloses nothing.
     """
-    import yaml
-
-    try:
+    with reading(path, "'polygon_m: [[x, y], ...]' in metres"):
         tree = parse_yaml(read_bytes(path, MAX_BYTES), path)
         corners = np.asarray(tree["polygon_m"], np.float64)
-    except (yaml.YAMLError, *DAMAGE) as error:
-        raise InputError(
-            f"{path}: expected 'polygon_m: [[x, y], ...]' in metres, got something else"
-        ) from error
     try:
         return WorkArea((Polygon(AreaRole.BOUNDARY, (corners,), Path(path).stem),), frame_id, cost)
     except InvalidValueError as error:
@@ -98,7 +89,9 @@ def read_polygons(path: str | Path) -> tuple[tuple[Polygon, ...], dict[str, int]
         else:
             raise ValueError("expected GeoJSON or KML")
         return _with_roles(found, ignored), dict(ignored)
-    except DAMAGE as error:
+    except InputError:
+        raise
+    except Exception as error:
         reason = f"lacks {error}" if isinstance(error, KeyError) else " ".join(str(error).split())
         raise InputError(f"work area {path}: {reason}") from error
 

@@ -11,9 +11,6 @@ from numpy.typing import NDArray
 from swardmap.io.maps.area_roles import Found, role_of
 from swardmap.mapping.work_area import AreaRole
 
-KML_DAMAGE = (ET.ParseError,)
-"""What a damaged file makes `from_kml` raise beside ValueError."""
-
 
 def from_kml(text: str, ignored: Counter[str]) -> Iterator[Found]:
     """Polygons of a KML text, in longitude and latitude; what has no area is counted in `ignored`.

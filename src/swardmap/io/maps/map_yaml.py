@@ -47,14 +47,7 @@ class MapDescription:
 @through_door("the YAML of a map")
 def read_description(path: str | Path) -> MapDescription:
     """Read and check the YAML file of a map."""
-    import yaml
-
-    content = read_bytes(path, MAX_YAML_BYTES)
-    try:
-        tree = parse_yaml(content, path)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        first = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise InputError(f"{path}: not readable as YAML: {first}") from error
+    tree = parse_yaml(read_bytes(path, MAX_YAML_BYTES), path)
     if not isinstance(tree, dict):
         raise InputError(
             f"{path}: expected the keys of a map (image, resolution, origin, ...), got other text"

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from swardmap.errors import InputError, InvalidValueError
-from swardmap.io.door import parse_yaml, through_door
+from swardmap.io.door import parse_yaml, reading, through_door
 
 LARGEST_M = 10.0
 """A margin beyond this is a mistake in a unit."""
@@ -132,15 +132,11 @@ def read_margin(path: str | Path) -> Margin:
     Raises:
         InputError: if it is no such file, or holds more than the margins and what they were measured with.
     """
-    import yaml
-
     from swardmap.io.files import read_bytes
 
-    try:
+    with reading(path, "a margin file"):
         text = read_bytes(path, limit=1_000_000).decode("utf-8")
         tree = parse_yaml(text, path)
-    except (UnicodeDecodeError, yaml.YAMLError) as error:
-        raise InputError(f"{path}: expected a margin file, got something else ({error})") from error
     section = tree.get("costmap") if isinstance(tree, dict) else None
     if not isinstance(section, dict) or set(tree) != {"costmap"}:
         raise InputError(f"{path}: expected the section 'costmap' with margin_m, and nothing else")
@@ -162,10 +158,7 @@ def _measured(text: str, path: str | Path) -> MeasuredWith | None:
     line = next((line for line in text.splitlines() if line.startswith(MARK)), None)
     if line is None:
         return None
-    try:
+    what = f"'{MARK}' with resolution_m, segmenter and settings"
+    with reading(path, what, more="write the file anew"):
         known = json.loads(line.removeprefix(MARK))
         return MeasuredWith(float(known["resolution_m"]), str(known["segmenter"]), dict(known["settings"]))
-    except (ValueError, KeyError, TypeError, RecursionError) as error:
-        raise InputError(
-            f"{path}: expected '{MARK}' with resolution_m, segmenter and settings; write the file anew"
-        ) from error

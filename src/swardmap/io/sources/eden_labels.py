@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from swardmap.errors import InputError, SwardmapError
+from swardmap.errors import InputError
 from swardmap.geometry import Intrinsics
-from swardmap.io.door import parse_yaml, through_door
+from swardmap.io.door import parse_yaml, reading, through_door
 from swardmap.io.files import read_bytes
 from swardmap.labels import LabelClass, LabelSet, Role
 
@@ -60,22 +60,15 @@ def read_label_table(file: Path) -> LabelTable:
     Raises:
         InputError: if it cannot be read, or declares a class or camera that cannot be.
     """
-    import yaml
-
-    try:
-        tree = parse_yaml(read_bytes(file, MAX_FILE_BYTES), file)
-    except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError) as error:
-        raise InputError(f"{file}: expected YAML, got: {str(error).splitlines()[0]}") from error
+    tree = parse_yaml(read_bytes(file, MAX_FILE_BYTES), file)
     if not isinstance(tree, dict) or not tree:
         raise InputError(
             f"{file}: expected lines like '1: {{name: grass, role: free}}', got {type(tree).__name__}"
         )
     camera = tree.pop("camera", None)
-    try:
+    with reading(file, "a table of labels"):
         classes = tuple(_class(key, value) for key, value in tree.items())
         return LabelTable(LabelSet(classes) if classes else TRIMBOT, _camera(camera))
-    except (SwardmapError, TypeError, ValueError, OverflowError) as error:
-        raise InputError(f"{file}: {error}") from error
 
 
 def label_table_yaml(label_set: LabelSet) -> str:

@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 
 from swardmap.config import SourceConfig
-from swardmap.errors import InputError, InvalidValueError, SwardmapError
+from swardmap.errors import InputError, InvalidValueError
 from swardmap.geometry import Intrinsics, Pose
-from swardmap.io.door import parse_yaml
+from swardmap.io.door import parse_yaml, reading
 from swardmap.io.files import inside, read_bytes, write_bytes, write_text
 from swardmap.io.folders import new_output_folder
 from swardmap.io.images import DEPTH_SUFFIXES, encode_png, read_color, read_depth, read_mask
@@ -232,15 +232,11 @@ def _camera_yaml(frame: Frame) -> str:
 
 
 def _read_camera(file: Path, depth_unit_m: float | None) -> FolderCamera:
-    import yaml
 
-    try:
-        tree = parse_yaml(read_bytes(file, 2**20), file)
-    except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError) as error:
-        raise InputError(f"{file}: expected YAML, got: {str(error).splitlines()[0]}") from error
+    tree = parse_yaml(read_bytes(file, 2**20), file)
     if not isinstance(tree, dict):
         raise InputError(f"{file}: expected keys width, height, fx, fy, cx, cy; got {type(tree).__name__}")
-    try:
+    with reading(file, "a camera"):
         size = [int(tree[key]) for key in ("width", "height")]
         intrinsics = Intrinsics(*size, *(float(tree[key]) for key in ("fx", "fy", "cx", "cy")))
         unit = float(tree.get("depth_unit_m", 0.001)) if depth_unit_m is None else depth_unit_m
@@ -250,10 +246,6 @@ def _read_camera(file: Path, depth_unit_m: float | None) -> FolderCamera:
         )
         label_set = LabelSet(classes) if classes else GRASS_OBSTACLE_PERSON
         tags = {str(key): str(value) for key, value in dict(tree.get("tags", {})).items()}
-    except KeyError as error:
-        raise InputError(f"{file}: expected the key {error}, which is missing") from error
-    except (SwardmapError, TypeError, ValueError, OverflowError) as error:
-        raise InputError(f"{file}: {error}") from error
     return FolderCamera(intrinsics, unit, label_set, tags)
 
 

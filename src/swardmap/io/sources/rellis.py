@@ -25,7 +25,7 @@ from swardmap.config import SourceConfig
 from swardmap.errors import InputError, InvalidValueError
 from swardmap.geometry import Float64Array, Intrinsics, Pose
 from swardmap.io.clouds.cloud_files import read_points
-from swardmap.io.door import parse_yaml
+from swardmap.io.door import parse_yaml, reading
 from swardmap.io.files import read_bytes
 from swardmap.io.images import read_color
 from swardmap.io.number_tables import parse_table
@@ -183,15 +183,10 @@ def _of_lidar(pose: Pose) -> Pose:
 
 def _mount(file: Path) -> Pose:
     """T_lidar_camera."""
-    import yaml
-
-    try:
+    with reading(file, f"{CALIBRATION} with q and t"):
         tree: Any = parse_yaml(read_bytes(file, 2**16), file)[CALIBRATION]
         q, t = ([float(tree[part][axis]) for axis in axes] for part, axes in (("q", "xyzw"), ("t", "xyz")))
         return Pose.from_quaternion("lidar", "camera", t, q)
-    except (yaml.YAMLError, ValueError, TypeError, LookupError, OverflowError) as error:
-        reason = " ".join(str(error).split())[:200]
-        raise InputError(f"{file}: expected {CALIBRATION} with q and t: {reason}") from error
 
 
 def _file(path: Path, name: str) -> Path:

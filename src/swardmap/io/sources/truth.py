@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swardmap.errors import InputError, InvalidValueError
+from swardmap.io.door import reading
 from swardmap.io.files import read_bytes, table_text, write_text
 from swardmap.io.images import decode
 from swardmap.io.maps.npz_files import read_archive, write_archive
@@ -130,13 +131,9 @@ def read_things(file: Path) -> dict[int, KnownThing]:
     Raises:
         InputError: if it is something else.
     """
-    try:
+    with reading(file, "ids with kind and height_m"):
         tree = json.loads(read_bytes(file, 10_000_000))
         return {int(key): KnownThing(str(v["kind"]), float(v["height_m"])) for key, v in tree.items()}
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise InputError(
-            f"{file}: expected ids with kind and height_m, got something else ({error})"
-        ) from error
 
 
 def write_things(file: Path, things: Mapping[int, KnownThing]) -> None:
