@@ -231,7 +231,7 @@ def kills(verb: Verb, folder: Path, every: int = 1, first: int = 1) -> Iterator[
         here.mkdir()
         out = here / verb.name
         if older.is_dir():
-            shutil.copytree(older, out)
+            shutil.copytree(older, out, symlinks=True)
         elif older.exists():
             shutil.copy(older, out)
         killed, _ = in_child(verb.command, out, n)
