@@ -155,6 +155,13 @@ def test_mirrored_images_are_named_in_a_turn() -> None:
     assert set(doubts(mirrored).faults) == {Fault.MOTION}
 
 
+def test_images_too_small_to_tell_motion_by_tell_nothing() -> None:
+    small = Intrinsics(160, 120, 115.0, 115.0, 79.5, 59.5)
+    (frame,) = AnalyticSource(garden_scene(0), tuple(lane_poses(1)), small)
+    assert view_of(frame) is None
+    assert view_of(replace(drive()[0], T_map_camera=None)) is None
+
+
 def test_wheels_that_spin_on_the_spot_are_named() -> None:
     spinning = [replace(f, rgb=drive()[0].rgb, depth=drive()[0].depth) for f in drive()]
     assert doubts(spinning).doubts[Fault.MOTION].startswith("in ")

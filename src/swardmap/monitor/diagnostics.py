@@ -146,7 +146,7 @@ class FrameStats:
         upside_down: whether the ground lies where it would be in an image turned over; None = not judged.
         edges: of colour and depth, to tell whether they are of one time; None = not looked for.
         position_m: of the camera in the map; None = not known.
-        view: to tell whether the camera moves as its poses say; None = it has no pose.
+        view: to tell whether the camera moves as its poses say; None = that cannot be told of it.
     """
 
     stamp_ns: int

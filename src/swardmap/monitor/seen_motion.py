@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from swardmap.geometry import Intrinsics, Pose
 from swardmap.types import Frame, depth_in_metres
 
-WIDTH = 320
-"""Images are made about this wide."""
+WIDTH, LEAST_WIDTH = 320, 240
+"""Images are made about this wide; by narrower ones than the second, motion looks too short."""
 
 TILES = (3, 4)
 """Corners are looked for in each part of the image by itself: a shadow's edges are not all there is."""
@@ -56,12 +56,12 @@ class View:
 
 
 def view_of(frame: Frame) -> View | None:
-    """A frame made small; None without a pose."""
+    """A frame made small; None without a pose, or if it is too small to tell motion by."""
     import cv2
 
-    if frame.T_map_camera is None:
-        return None
     h, w = frame.depth.shape
+    if frame.T_map_camera is None or w < LEAST_WIDTH:
+        return None
     step = max(1, round(w / WIDTH))
     size = w // step, h // step
     cut = np.ascontiguousarray(frame.rgb[: size[1] * step, : size[0] * step])
