@@ -132,7 +132,7 @@ def test_frames_that_the_network_does_not_know_are_counted_and_free_nothing(tmp_
     good = map_recording(Given(list), config=TRUTH)
     found = map_recording(source, config=TRUTH, segmenter=Doubter(names[3:]))
     assert found.summary["watchdog"] == {
-        "refused": 0, "faults": {"unfamiliar": 3}, "first": {"unfamiliar": names[3]},
+        "refused": 0, "faults": {"unfamiliar": 3}, "first": {"unfamiliar": names[3]}, "doubts": {},
     }  # fmt: skip
     assert found.summary["frames"] == 6
     lines = report_lines(found.summary)
