@@ -10,6 +10,10 @@ row is one evaluation against exact depth.
 What is finished is kept: the same command goes on where it was, and more gardens or rows can be asked for
 later.
 
+The row "the truth as the map" judges each reference map as if it were the robot's: what the margin alone
+costs, which no camera and no network can win back. "True masks, exact depth" is this system without any
+error of its input.
+
 Rows of slopes and datum are the same frames in a world that is turned about the start of the drive, or
 lifted: what the camera sees stays the same, only the map's axes differ. Rows of steps are terraces of simple
 solids, seen from the lawn before them.
@@ -19,7 +23,7 @@ import argparse
 import json
 import os
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -27,10 +31,14 @@ from typing import Any
 import numpy as np
 
 from swardmap.config import load_config
-from swardmap.eval.dataset import DatasetSpec
+from swardmap.eval.dataset import DatasetSpec, open_dataset, read_frames
+from swardmap.eval.frame import Plan, evaluate_frame, pose_of, segmenter_of
+from swardmap.eval.maps import FrameMaps, at_resolution, compare_frame, compare_maps, true_segmentation
 from swardmap.eval.metrics import METRICS
 from swardmap.eval.results import metrics_of, safety_section
 from swardmap.eval.run import evaluate, make_plan
+from swardmap.eval.safety import judge
+from swardmap.eval.things import find_things
 from swardmap.geometry import Pose
 from swardmap.io.files import write_bytes
 from swardmap.io.images import encode_png
@@ -76,6 +84,8 @@ class Row:
         slope_deg: of the world, positive uphill.
         datum_m: of the ground above the map's z = 0 where the drive begins.
         step_m: of a terrace of simple solids in place of the gardens: how far the lawn rises ahead.
+        exact: the robot sees the exact depth, too.
+        perfect: the reference map is judged in place of the robot's.
     """
 
     settings: tuple[str, ...] = ()
@@ -83,6 +93,8 @@ class Row:
     slope_deg: float = 0.0
     datum_m: float = 0.0
     step_m: float = 0.0
+    exact: bool = False
+    perfect: bool = False
 
 
 ROWS: dict[str, Row] = {
@@ -90,6 +102,8 @@ ROWS: dict[str, Row] = {
     "no margin": Row(margin_m=0.0),
     "margin .40": Row(margin_m=0.4),
     "true masks": Row(("segmenter.name=truth",)),
+    "true masks, exact depth": Row(("segmenter.name=truth",), exact=True),
+    "the truth as the map": Row(("segmenter.name=truth",), perfect=True),
     "clearing by points alone": Row(("grid.clear_below=1",)),
     "geometry off": Row(("geometry.enabled=false",)),
     "geometry, 1 point": Row(("geometry.min_points=1",)),
@@ -121,17 +135,19 @@ def film(out: Path, light: str, gardens: int, frames: int, width: int, jobs: int
 
 def moved(gardens: Path, out: Path, row: Row) -> Path:
     """The same gardens in a world that is turned and lifted; what is finished is kept."""
-    if not row.slope_deg and not row.datum_m:
+    if not row.slope_deg and not row.datum_m and not row.exact:
         return gardens
-    target = out / "moved" / f"{row.slope_deg:+g}deg{row.datum_m:+g}m" / gardens.name
+    world = f"{row.slope_deg:+g}deg{row.datum_m:+g}m" + ("-exact" if row.exact else "")
+    target = out / "moved" / world / gardens.name
     for done in sorted(gardens.glob("folder/*/*/complete.json")):
         sequence, here = done.parent, target / done.parent.relative_to(gardens)
         if (here / done.name).is_file():
             continue
         shutil.rmtree(here, ignore_errors=True)
         here.mkdir(parents=True)
+        depth = "exact/depth" if row.exact else "depth"
         for part in ("rgb", "depth", "labels", "instances", "instances.json", "camera.yaml", "exact"):
-            (here / part).symlink_to((sequence / part).resolve())
+            (here / part).symlink_to((sequence / (depth if part == "depth" else part)).resolve())
         T_new_map = _move(sequence, here, row)
         write_ground(here / GROUND, moved_ground(read_ground(sequence / GROUND), T_new_map))
         shutil.copy(done, here / done.name)
@@ -249,6 +265,9 @@ def records_of(
         plan = make_plan(
             spec, config, resolutions_m=(0.05,), protocols=("dense",), with_budget=False, **options
         )
+        if row.perfect:
+            records += [with_garden(record, light) for record in perfect_records(plan)]
+            continue
         found = evaluate(
             plan,
             out / "rows" / folder / light,
@@ -259,9 +278,33 @@ def records_of(
             if "error" in record:
                 print(f"{name}, {light}: {record['error']}")
                 continue
-            tags = record["tags"] | {"scene": f"{light}-{record['tags']['scene']}"}
-            records.append(record | {"tags": tags})
+            records.append(with_garden(record, light))
     return plan, records
+
+
+def with_garden(record: Mapping[str, Any], light: str) -> dict[str, Any]:
+    """The record of a frame whose garden has a name of its own over all lights."""
+    tags = record["tags"] | {"scene": f"{light}-{record['tags']['scene']}"}
+    return {**record, "tags": tags}
+
+
+def perfect_records(plan: Plan) -> Iterator[dict[str, Any]]:
+    """The frames of a plan, each reference map judged as if the robot had made it."""
+    config = at_resolution(plan.config, plan.resolutions_m[0])
+    count = open_dataset(plan.dataset).frame_count or 0
+    for numbered in read_frames(plan.dataset, 0, count):
+        assert numbered.frame is not None, numbered.error
+        frame = numbered.frame
+        record = evaluate_frame(plan, numbered, segmenter_of(plan, frame.label_set))
+        made, pose, truth = FrameMaps(numbered.truth), pose_of(plan, frame), numbered.clean or frame
+        found = compare_frame(frame, true_segmentation(truth), pose, config, "dense", numbered.clean, made)
+        reference, pixels = found.reference, made.pixels(truth, pose, config)
+        things = find_things(
+            truth, pixels, made.cells(pixels, reference.spec), reference.spec, config, made.truth
+        )
+        safety = judge(reference, reference, things, pose, plan.margin_m)
+        maps = {plan.main: compare_maps(reference, reference).tally.to_dict()}
+        yield record | {"safety": safety.to_dict(), "maps": maps}
 
 
 def _other(folder: Path, plan: Any) -> bool:

@@ -4,6 +4,7 @@ Row-major [iy, ix]; the origin is the outer corner of cell (0, 0); the centre of
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -249,6 +250,37 @@ def classify_cells(
     classes[marked] = MapClass.OBSTACLE
     classes[marked & ((person >= min_points) | (person >= obstacle))] = MapClass.PERSON
     return classes
+
+
+def clear_together(
+    classes: NDArray[np.uint8], points: NDArray[np.uint32], min_grass_points: int
+) -> NDArray[np.uint8]:
+    """Clear cells whose points of grass are too few, but enough with those of their neighbours.
+
+    Far away a cell holds one or two pixels: its lawn would stay unknown for want of points. The cell has a
+    point of grass itself, the 3 x 3 cells about it hold enough and none that is in doubt, and
+    none of the 5 x 5 is marked: next to an obstacle a cell needs points of its own.
+
+    Args:
+        classes: (height, width) uint8 MapClass of all evidence.
+        points: (height, width, 4) uint32 as of `Observation.points`.
+        min_grass_points: points that clear a cell.
+
+    Returns:
+        (height, width) uint8 MapClass.
+    """
+    few = (classes == MapClass.UNKNOWN) & (points[..., 1] > 0) & (points[..., 1] < min_grass_points)
+    enough = _neighbours(points[..., 1], np.add) >= min_grass_points
+    sure = _neighbours(points[..., 0], np.maximum) == 0
+    near = _neighbours(_neighbours(classes, np.maximum), np.maximum)
+    return np.where(few & enough & sure & (near < MapClass.OBSTACLE), np.uint8(MapClass.GRASS), classes)
+
+
+def _neighbours(values: NDArray[Any], join: np.ufunc) -> NDArray[Any]:
+    """Each cell joined with the eight about it; nothing lies beyond the rim."""
+    padded = np.pad(values, 1)
+    rows = join(join(padded[:-2], padded[1:-1]), padded[2:])
+    return np.asarray(join(join(rows[:, :-2], rows[:, 1:-1]), rows[:, 2:]))
 
 
 def update_grid(grid: OccupancyGrid, seen: OccupancyGrid) -> OccupancyGrid:

@@ -99,7 +99,12 @@ def random_config(rng: np.random.Generator) -> Config:
         max_slope_deg=float(rng.choice([10.0, 30.0, 60.0])),
     )
     k_mark, k_clear = (int(k) for k in rng.integers(1, 4, 2))
-    grid = GridConfig(min_points=k_mark, min_grass_points=k_clear, clear_below=float(rng.random()))
+    grid = GridConfig(
+        min_points=k_mark,
+        min_grass_points=k_clear,
+        clear_together=bool(rng.random() < 0.8),
+        clear_below=float(rng.random()),
+    )
     sure = SegmenterConfig(min_confidence=float(rng.choice([0.0, 0.5])))
     watchdog = WatchdogConfig(unfamiliar=1.0 if rng.random() < 0.8 else None)
     return Config(cloud=cloud, geometry=geometry, grid=grid, segmenter=sure, watchdog=watchdog)
@@ -180,6 +185,7 @@ STRICTER = {
     "min_grass_points": lambda c, u: replace(
         c, grid=replace(c.grid, min_grass_points=c.grid.min_grass_points + int(4 * u))
     ),
+    "clear_together": lambda c, u: replace(c, grid=replace(c.grid, clear_together=False)),
     "min_confidence": lambda c, u: replace(
         c, segmenter=replace(c.segmenter, min_confidence=max(c.segmenter.min_confidence, u))
     ),

@@ -18,7 +18,7 @@ from swardmap.labels import VOID_ID
 from swardmap.synth.analytic import AnalyticSource, lane_poses
 from swardmap.train.augment import paste, relight, warp
 from swardmap.train.data import draw_batch, load_photos
-from swardmap.train.photos import PARTIAL_CODE, PSEUDO_CODE, image_paths
+from swardmap.train.photos import OBSTACLE_CODE, PARTIAL_CODE, PSEUDO_CODE, image_paths
 from swardmap.train.recipe import AugmentConfig, DataConfig, load_recipe, recipe_from_dict, recipe_to_dict
 
 MakeRecipe = Callable[..., dict[str, Any]]
@@ -73,6 +73,20 @@ def test_teachers_and_partial_labels_fill_only_what_is_void(
     assert (codes[:, :24] == PSEUDO_CODE + 1).all()
     assert (codes[:, 24:40] == PARTIAL_CODE).all()
     np.testing.assert_array_equal(codes[:, 40:], mask[:, 40:])
+
+
+def test_obstacles_that_weigh_otherwise_have_a_code_of_the_set(
+    data_root: Path, tiny_recipe: MakeRecipe
+) -> None:
+    recipe = tiny_recipe()
+    plain = one_photo(data_root, recipe).codes
+    recipe["data"][0]["obstacle_weight"] = 2.0
+    codes = one_photo(data_root, recipe).codes
+    np.testing.assert_array_equal(codes, np.where(plain == 0, OBSTACLE_CODE, plain))
+    recipe["data"].append(recipe["data"][0] | {"validation": True})  # figures are of classes, not of weights
+    checked = load_photos(recipe_from_dict(recipe), data_root, validation=True)[0].photos[0]
+    assert OBSTACLE_CODE not in np.unique(checked.codes)
+    assert OBSTACLE_CODE + 1 not in np.unique(checked.codes)
 
 
 def test_held_out_images_are_never_learnt_from(data_root: Path) -> None:

@@ -65,6 +65,27 @@ def tell_marks_alone(marks, always_enough, told):  # type: ignore[no-untyped-def
         told[4 * i + 2] = always_enough if marks[i] else np.uint32(0)
 
 
+@compiled()
+def clear_together(classes, points, enough):  # type: ignore[no-untyped-def]
+    """grid.clear_together, in place; (height, width) uint8 and (height, width, 4) uint32."""
+    height, width = classes.shape
+    for iy in range(height):
+        for ix in range(width):
+            grass = points[iy, ix, 1]
+            if classes[iy, ix] != 0 or grass == 0 or grass >= enough:
+                continue
+            together, doubted, near = np.uint32(0), np.uint32(0), np.uint8(0)
+            for y in range(max(0, iy - 1), min(height, iy + 2)):
+                for x in range(max(0, ix - 1), min(width, ix + 2)):
+                    together += points[y, x, 1]
+                    doubted |= points[y, x, 0]
+            for y in range(max(0, iy - 2), min(height, iy + 3)):
+                for x in range(max(0, ix - 2), min(width, ix + 3)):
+                    near = max(near, classes[y, x])
+            if together >= enough and doubted == 0 and near < OBSTACLE:
+                classes[iy, ix] = GRASS
+
+
 @compiled(inline="never")
 def raise_to_marks(semantic, marks, classes):  # type: ignore[no-untyped-def]
     """A mark of either is a mark; (cells,) uint8 MapClass."""

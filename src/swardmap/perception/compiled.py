@@ -177,4 +177,6 @@ def judge(counted: Counted, ground: Ground | None, config: Config) -> Judged:
         np.uint32(geometry.min_points), np.uint32(ALWAYS_ENOUGH), geometry.semantics,
         points.reshape(-1), semantic.reshape(-1), classes.reshape(-1), marks.reshape(3, -1),
     )  # fmt: skip
+    if rules.clear_together:
+        kernel.clear_together(classes, points, np.uint32(rules.min_grass_points))
     return Judged(classes, points, semantic, GeometricMarks(*marks) if geometry.enabled else None)

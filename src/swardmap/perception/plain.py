@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from swardmap.config import CloudConfig, Config
 from swardmap.geometry import Pose, deproject, transform_points
-from swardmap.grid import GridSpec, classify_cells, count_points
+from swardmap.grid import GridSpec, classify_cells, clear_together, count_points
 from swardmap.kernels.constants import HIGHEST, NOT_CONSISTENT, NOT_IN_RANGE, OUTSIDE, PER_METRE, VOID
 from swardmap.labels import LabelClass, LabelSet, Role
 from swardmap.perception.backend import Judged
@@ -173,4 +173,6 @@ def judge(counted: Counted, ground: Ground | None, config: Config) -> Judged:
     points, classes = without_doubt(counted.points, clear, rules.min_points), semantic
     if marks is not None:
         points, classes = with_marks(points, classes, marks.marks, geometry.semantics)
+    if rules.clear_together:
+        classes = clear_together(classes, points, rules.min_grass_points)
     return Judged(classes, points, semantic, marks)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from swardmap.errors import InputError
 from swardmap.labels import VOID_ID, Role
 from swardmap.train.augment import covered, paste, relight, warp
-from swardmap.train.photos import PARTIAL_CODE, PSEUDO_CODE, Photo, read_photos
+from swardmap.train.photos import OBSTACLE_CODE, PARTIAL_CODE, PSEUDO_CODE, Photo, read_photos, role_code
 from swardmap.train.recipe import DataConfig, NetworkConfig, Recipe
 
 
@@ -49,7 +49,11 @@ class PhotoSet:
 
 
 def make_codes(recipe: Recipe) -> Codes:
-    """The code table of a recipe: class index, 100 + class index (teacher), 200 + data set (partial)."""
+    """The code table of a recipe.
+
+    Class index, 100 + class index (teacher), 150 + data set (obstacle with a weight of the set's own),
+    200 + data set (known in part).
+    """
     ids, names = recipe.network.trained_ids, recipe.network.label_set
     sets = np.ones((256, len(ids)), np.bool_)
     weights = np.zeros(256, np.float32)
@@ -61,6 +65,10 @@ def make_codes(recipe: Recipe) -> Codes:
             sets[code] = np.arange(len(ids)) == index
             weights[code] = weight * factor
     for number, config in enumerate(recipe.data):
+        obstacle = role_code(recipe.network, Role.OBSTACLE)
+        if config.obstacle_weight != 1 and obstacle is not None:
+            sets[OBSTACLE_CODE + number] = sets[obstacle]
+            weights[OBSTACLE_CODE + number] = weights[obstacle] * config.obstacle_weight
         if config.void_means:
             allowed = {names[name.strip()].id for name in config.void_means.split(",")}
             sets[PARTIAL_CODE + number] = [i in allowed for i in ids]
@@ -70,9 +78,7 @@ def make_codes(recipe: Recipe) -> Codes:
 
 def person_code(network: NetworkConfig) -> int | None:
     """Code of a labelled person; None for a network that does not tell persons apart."""
-    roles = {c.id: c.role for c in network.label_set.classes}
-    indices = [i for i, class_id in enumerate(network.trained_ids) if roles[class_id] is Role.PERSON]
-    return indices[0] if indices else None
+    return role_code(network, Role.PERSON)
 
 
 def load_photos(recipe: Recipe, root: Path, validation: bool) -> list[PhotoSet]:
@@ -118,9 +124,8 @@ def _draw(sets: Sequence[PhotoSet], recipe: Recipe, rng: np.random.Generator) ->
 
 def _nothing_seen(size: tuple[int, int], network: NetworkConfig, rng: np.random.Generator) -> Photo:
     """A view of a covered lens: an obstacle everywhere."""
-    roles = {c.id: c.role for c in network.label_set.classes}
-    obstacle = [roles[class_id] for class_id in network.trained_ids].index(Role.OBSTACLE)
-    codes = np.full(size[::-1], obstacle, np.uint8)
+    obstacle = role_code(network, Role.OBSTACLE)
+    codes = np.full(size[::-1], VOID_ID if obstacle is None else obstacle, np.uint8)
     return Photo(covered(size, rng), codes, np.full_like(codes, VOID_ID), "covered")
 
 

@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from swardmap.errors import ConfigError, InputError
 from swardmap.io.annotations.annotation_files import read_masks
-from swardmap.labels import GRASS_OBSTACLE_PERSON, VOID_ID, LabelSet
+from swardmap.labels import GRASS_OBSTACLE_PERSON, VOID_ID, LabelSet, Role
 from swardmap.train.augment import Image
 from swardmap.train.recipe import DataConfig, NetworkConfig
 from swardmap.types import Frame
 
 PSEUDO_CODE = 100
+OBSTACLE_CODE = 150
 PARTIAL_CODE = 200
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png")
 LARGEST_EDGE = 640  # of images kept in memory
@@ -132,7 +133,7 @@ def _load(
         fine = _read(base / config.fine / f"{path.stem}{config.label_suffix}", cv2.IMREAD_GRAYSCALE, shape)
         fine = np.where(fine == 0, np.uint8(VOID_ID), fine)
     rgb = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
-    return _shrunk(Photo(rgb, _partial(codes, config, number), fine, path.stem), config.validation)
+    return _shrunk(Photo(rgb, _of_set(codes, config, number, network), fine, path.stem), config.validation)
 
 
 def _frames(config: DataConfig, root: Path) -> Iterator[Frame]:
@@ -156,14 +157,24 @@ def _of_frame(frame: Frame, config: DataConfig, number: int, network: NetworkCon
     codes = _index_table(frame.label_set, network)[frame.labels]
     fine = np.full(codes.shape, VOID_ID, np.uint8)
     light = frame.tags.get("illumination", "")
-    photo = Photo(frame.rgb, _partial(codes, config, number), fine, frame.name, light)
+    photo = Photo(frame.rgb, _of_set(codes, config, number, network), fine, frame.name, light)
     return _shrunk(photo, config.validation)
 
 
-def _partial(codes: Image, config: DataConfig, number: int) -> Image:
-    if not config.void_means:
-        return codes
-    return np.where(codes == VOID_ID, np.uint8(PARTIAL_CODE + number), codes)
+def _of_set(codes: Image, config: DataConfig, number: int, network: NetworkConfig) -> Image:
+    """Codes of the data set's own where its void pixels are known in part or its obstacles weigh otherwise."""
+    if config.void_means:
+        codes = np.where(codes == VOID_ID, np.uint8(PARTIAL_CODE + number), codes)
+    if config.obstacle_weight != 1 and not config.validation:
+        obstacle = role_code(network, Role.OBSTACLE)
+        codes = np.where(codes == obstacle, np.uint8(OBSTACLE_CODE + number), codes)
+    return codes
+
+
+def role_code(network: NetworkConfig, role: Role) -> int | None:
+    """Code of a labelled pixel of the first class in that role; None for a network without one."""
+    roles = {c.id: c.role for c in network.label_set.classes}
+    return next((i for i, class_id in enumerate(network.trained_ids) if roles[class_id] is role), None)
 
 
 def _class_indices(config: DataConfig, network: NetworkConfig) -> NDArray[np.uint8]:

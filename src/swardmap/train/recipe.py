@@ -15,6 +15,9 @@ from swardmap.errors import ConfigError
 from swardmap.labels import GRASS_OBSTACLE_PERSON, LabelSet, Role
 from swardmap.train.classes import PAPER_SETS, read_classes
 
+MOST_SETS = 50
+"""Data sets of a recipe: each has two codes of its own (see data.py)."""
+
 ENCODER_NAMES = ("resnet18", "resnet34", "efficientnet-lite0", "efficientnet-lite1", "efficientnet-lite2")
 
 
@@ -144,6 +147,11 @@ class DataConfig(Checked):
         1.0, "share of the samples; of validation sets, in the choice of the best checkpoint", minimum=0
     )
     person_boost: float = setting(1.0, "how much more often an image with a person is drawn", minimum=0)
+    obstacle_weight: float = setting(
+        1.0,
+        "of an obstacle's pixel in the loss: over 1 where grass said of it is the costly error",
+        minimum=0,
+    )
     validation: bool = setting(False, "measured on, not learnt from")
     every: int = setting(1, "use every n-th image", minimum=1)
     terms: str = setting(
@@ -190,6 +198,8 @@ class Recipe:
     def __post_init__(self) -> None:
         if not any(d.weight > 0 and not d.validation for d in self.data):
             raise ConfigError(f"recipe {self.name}: expected data to learn from, got none")
+        if len(self.data) > MOST_SETS:
+            raise ConfigError(f"recipe {self.name}: expected at most {MOST_SETS} sets, got {len(self.data)}")
         sigmoid, classes = self.network.activation == "sigmoid", len(self.network.trained_ids)
         if sigmoid and classes != 2:
             raise ConfigError(f"recipe {self.name}: a sigmoid tells two classes apart, got {classes}")
