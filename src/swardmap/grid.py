@@ -254,7 +254,7 @@ def classify_cells(
 
 def clear_together(
     classes: NDArray[np.uint8], points: NDArray[np.uint32], min_grass_points: int
-) -> NDArray[np.uint8]:
+) -> tuple[NDArray[np.uint8], NDArray[np.uint32]]:
     """Clear cells whose points of grass are too few, but enough with those of their neighbours.
 
     Far away a cell holds one or two pixels: its lawn would stay unknown for want of points. The cell has a
@@ -267,13 +267,18 @@ def clear_together(
         min_grass_points: points that clear a cell.
 
     Returns:
-        (height, width) uint8 MapClass.
+        Both anew; a cell that is cleared so has as many points of grass as clear it.
     """
-    few = (classes == MapClass.UNKNOWN) & (points[..., 1] > 0) & (points[..., 1] < min_grass_points)
-    enough = _neighbours(points[..., 1], np.add) >= min_grass_points
-    sure = _neighbours(points[..., 0], np.maximum) == 0
+    grass, doubted = points[..., MapClass.GRASS], points[..., MapClass.UNKNOWN]
+    few = (classes == MapClass.UNKNOWN) & (grass > 0) & (grass < min_grass_points)
+    enough = _neighbours(grass, np.add) >= min_grass_points
+    sure = _neighbours(doubted, np.maximum) == 0
     near = _neighbours(_neighbours(classes, np.maximum), np.maximum)
-    return np.where(few & enough & sure & (near < MapClass.OBSTACLE), np.uint8(MapClass.GRASS), classes)
+    cleared = few & enough & sure & (near < MapClass.OBSTACLE)
+    classes, points = classes.copy(), points.copy()
+    classes[cleared] = MapClass.GRASS
+    points[cleared, MapClass.GRASS] = min_grass_points
+    return classes, points
 
 
 def _neighbours(values: NDArray[Any], join: np.ufunc) -> NDArray[Any]:

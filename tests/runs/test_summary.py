@@ -117,13 +117,13 @@ def test_a_jump_of_the_poses_is_refused_before_it_costs_memory() -> None:
 def test_a_voxel_grid_that_leaves_too_few_points_is_said() -> None:
     found = summary(Drive())
     assert "voxel" not in " ".join(found["warnings"])
-    found["config"]["cloud"]["voxel_m"] = 0.05
+    found["config"]["cloud"]["voxel_m"] = 0.06
     warning = next(line for line in warnings_of(found) if "voxel" in line)
     assert (
-        "cloud.voxel_m of 0.05 m leaves about 1 of the points of a cell, and 3 of lawn are needed" in warning
+        "cloud.voxel_m of 0.06 m leaves about 1 of the points of a cell, and 8 of lawn are needed" in warning
     )
-    assert "make it 0.017 m or less" in warning
-    found["config"]["cloud"]["voxel_m"] = 0.017
+    assert "make it 0.053 m or less" in warning
+    found["config"]["cloud"]["voxel_m"] = 0.05
     assert "voxel" not in " ".join(warnings_of(found))
 
 

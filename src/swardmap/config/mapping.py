@@ -56,7 +56,7 @@ class GridConfig(Checked):
     )
     resolution_m: float = setting(0.05, "edge of a cell", minimum=1e-3, maximum=10)
     min_points: int = setting(1, "points of obstacle or person that mark a cell", minimum=1)
-    min_grass_points: int = setting(3, "points of grass that clear a cell", minimum=1)
+    min_grass_points: int = setting(8, "points of grass that clear a cell", minimum=1)
     clear_together: bool = setting(
         True, "cells of fewer points count their neighbours' too, where nothing near is marked or in doubt"
     )

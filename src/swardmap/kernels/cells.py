@@ -69,6 +69,7 @@ def tell_marks_alone(marks, always_enough, told):  # type: ignore[no-untyped-def
 def clear_together(classes, points, enough):  # type: ignore[no-untyped-def]
     """grid.clear_together, in place; (height, width) uint8 and (height, width, 4) uint32."""
     height, width = classes.shape
+    cleared = np.zeros(classes.shape, np.bool_)
     for iy in range(height):
         for ix in range(width):
             grass = points[iy, ix, 1]
@@ -82,8 +83,11 @@ def clear_together(classes, points, enough):  # type: ignore[no-untyped-def]
             for y in range(max(0, iy - 2), min(height, iy + 3)):
                 for x in range(max(0, ix - 2), min(width, ix + 3)):
                     near = max(near, classes[y, x])
-            if together >= enough and doubted == 0 and near < OBSTACLE:
-                classes[iy, ix] = GRASS
+            cleared[iy, ix] = together >= enough and doubted == 0 and near < OBSTACLE
+    for iy in range(height):
+        for ix in range(width):
+            if cleared[iy, ix]:
+                classes[iy, ix], points[iy, ix, 1] = GRASS, enough
 
 
 @compiled(inline="never")

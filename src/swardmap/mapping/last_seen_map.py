@@ -23,13 +23,17 @@ class _Cells:
     grass_in_a_row: NDArray[np.uint8]
 
 
+POINTS_OF_DOUBT = 3
+"""One or two points off the ground in a cell are noise of the depth, and no reason to forget that it was free."""
+
+
 class LastSeenMap:
     """Accumulates observations: clears what was seen as grass, then marks (Sec. 3.5).
 
     Without a fixed extent the map grows with what is seen. An obstacle cell is cleared once
     `obstacle_clear_frames` frames in a row have seen grass there, a person cell after
     `person_clear_frames`; frames that do not see the cell do not count. What was free and is in doubt when
-    it is seen again, with as many points as would clear it, is unknown: the last frame decides.
+    it is seen again, by three points or as many as would clear it, is unknown: the last frame decides.
 
     Args:
         config: resolution, extent and evidence.
@@ -40,7 +44,7 @@ class LastSeenMap:
         self._frames_to_clear = np.array(
             [1, 1, config.obstacle_clear_frames, config.person_clear_frames], np.uint8
         )
-        self._points_to_clear = config.min_grass_points
+        self._points_of_doubt = min(POINTS_OF_DOUBT, config.min_grass_points)
         self._fixed = fixed_spec(config, frame_id)
         self._lattice = Lattice(lattice_corner(config, frame_id))
         self._tiles: dict[TileKey, _Cells] = {}
@@ -69,10 +73,10 @@ class LastSeenMap:
         self._stamp_ns = max(self._stamp_ns, seen.stamp_ns)
 
     def _doubted(self, seen: Observation) -> NDArray[np.bool_]:
-        """Cells with points enough to clear them, in doubt; without ground a view says nothing of lawn."""
+        """Cells with points enough that are in doubt; without ground a view says nothing of lawn."""
         if seen.ground is None:
             return np.zeros(seen.spec.shape, np.bool_)
-        return np.asarray(seen.points[..., MapClass.UNKNOWN] >= self._points_to_clear)
+        return np.asarray(seen.points[..., MapClass.UNKNOWN] >= self._points_of_doubt)
 
     @property
     def grid(self) -> OccupancyGrid | None:

@@ -174,5 +174,5 @@ def judge(counted: Counted, ground: Ground | None, config: Config) -> Judged:
     if marks is not None:
         points, classes = with_marks(points, classes, marks.marks, geometry.semantics)
     if rules.clear_together:
-        classes = clear_together(classes, points, rules.min_grass_points)
+        classes, points = clear_together(classes, points, rules.min_grass_points)
     return Judged(classes, points, semantic, marks)

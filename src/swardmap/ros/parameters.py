@@ -212,7 +212,7 @@ REFUSALS: Mapping[str, str] = {
 }  # fmt: skip
 """Why a section or setting is not changed while the node is configured."""
 
-FREE_IN_LAST_SEEN_MODE = frozenset({"grid.min_points", "grid.min_grass_points"})
+FREE_IN_LAST_SEEN_MODE = frozenset({"grid.min_points", "grid.min_grass_points", "grid.clear_together"})
 """Read for each frame; in the mode `evidence` the map is built on them."""
 
 

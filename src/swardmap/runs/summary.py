@@ -199,9 +199,10 @@ def _thinned(config: Mapping[str, Any]) -> list[str]:
     """That a voxel grid leaves too few points in a cell to clear it."""
     cloud, grid = config["cloud"], config["grid"]
     voxel_m, edge_m, needed = cloud["voxel_m"], grid["resolution_m"], grid["min_grass_points"]
-    if not voxel_m or (edge_m / voxel_m) ** 2 >= needed:
+    cells = 9 if grid["clear_together"] else 1
+    if not voxel_m or cells * (edge_m / voxel_m) ** 2 >= needed:
         return []
-    left, enough_m = max(1, round((edge_m / voxel_m) ** 2)), edge_m / needed
+    left, enough_m = max(1, round((edge_m / voxel_m) ** 2)), edge_m * (cells / needed) ** 0.5
     text = (
         f"cloud.voxel_m of {voxel_m:g} m leaves about {left} of the points of a cell, and {needed} of lawn "
         f"are needed to clear it: make it {enough_m:.2g} m or less, or lower grid.min_grass_points"
