@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
+from swardmap.cli.train import counts_line
 from swardmap.errors import ConfigError, InputError
 from swardmap.geometry import Intrinsics
 from swardmap.io.sources.eden import write_eden
@@ -247,6 +248,8 @@ def test_a_recording_serves_as_photos(tiny_recipe: MakeRecipe, tmp_path: Path) -
     recipe["data"].append(recipe["data"][0] | {"validation": True})
     held = load_photos(recipe_from_dict(recipe), tmp_path, validation=True)[0].photos
     assert {p.stem for p in held} | {p.stem for p in photos} == {f"{i:06d}" for i in range(6)}
+    told = counts_line(recipe_from_dict(recipe), tmp_path)  # what `swardmap train` says first
+    assert "steps on 1 recording, checked on 1 recording every" in told
 
 
 def test_gardens_are_held_out_by_the_scene_in_both_layouts(tiny_recipe: MakeRecipe, tmp_path: Path) -> None:

@@ -68,12 +68,18 @@ def counts_line(recipe: Any, root: Path) -> str:
     """What is learned from and checked on, before the first step."""
     from swardmap.train.photos import image_paths
 
-    learn, check = (
-        sum(len(image_paths(config, root)) for config in recipe.data if config.validation is validation)
-        for validation in (False, True)
-    )
+    def told(validation: bool) -> str:
+        sets = [config for config in recipe.data if config.validation is validation]
+        images = sum(len(image_paths(c, root)) for c in sets if c.kind == "images")
+        recordings = sum(c.kind == "recording" for c in sets)
+        of_recordings = f"{recordings} recording{'s' * (recordings > 1)}"
+        parts = [f"{images} images"] * (images > 0) + [of_recordings] * (recordings > 0)
+        return " and ".join(parts) or "nothing"
+
     schedule = recipe.schedule
-    return f"{schedule.steps} steps on {learn} images, checked on {check} every {schedule.check_every} steps"
+    return (
+        f"{schedule.steps} steps on {told(False)}, checked on {told(True)} every {schedule.check_every} steps"
+    )
 
 
 def _write_page(out: Path, name: str, history: list[dict[str, Any]], steps: int) -> Path:
