@@ -66,24 +66,29 @@ def tell_marks_alone(marks, always_enough, told):  # type: ignore[no-untyped-def
 
 
 @compiled()
+def enough_together(classes, points, iy, ix, enough):  # type: ignore[no-untyped-def]
+    """Whether the cells about one hold enough grass, nothing in doubt, and nothing near is marked."""
+    height, width = classes.shape
+    together, doubted, near = np.uint32(0), np.uint32(0), np.uint8(0)
+    for y in range(max(0, iy - 1), min(height, iy + 2)):
+        for x in range(max(0, ix - 1), min(width, ix + 2)):
+            together += points[y, x, 1]
+            doubted |= points[y, x, 0]
+    for y in range(max(0, iy - 2), min(height, iy + 3)):
+        for x in range(max(0, ix - 2), min(width, ix + 3)):
+            near = max(near, classes[y, x])
+    return (together >= enough) & (doubted == 0) & (near < OBSTACLE)
+
+
+@compiled()
 def clear_together(classes, points, enough):  # type: ignore[no-untyped-def]
     """grid.clear_together, in place; (height, width) uint8 and (height, width, 4) uint32."""
     height, width = classes.shape
     cleared = np.zeros(classes.shape, np.bool_)
     for iy in range(height):
         for ix in range(width):
-            grass = points[iy, ix, 1]
-            if classes[iy, ix] != 0 or grass == 0 or grass >= enough:
-                continue
-            together, doubted, near = np.uint32(0), np.uint32(0), np.uint8(0)
-            for y in range(max(0, iy - 1), min(height, iy + 2)):
-                for x in range(max(0, ix - 1), min(width, ix + 2)):
-                    together += points[y, x, 1]
-                    doubted |= points[y, x, 0]
-            for y in range(max(0, iy - 2), min(height, iy + 3)):
-                for x in range(max(0, ix - 2), min(width, ix + 3)):
-                    near = max(near, classes[y, x])
-            cleared[iy, ix] = together >= enough and doubted == 0 and near < OBSTACLE
+            few = (classes[iy, ix] == 0) & (points[iy, ix, 1] > 0) & (points[iy, ix, 1] < enough)
+            cleared[iy, ix] = few and enough_together(classes, points, iy, ix, enough)
     for iy in range(height):
         for ix in range(width):
             if cleared[iy, ix]:

@@ -24,7 +24,7 @@ class _Cells:
 
 
 POINTS_OF_DOUBT = 3
-"""One or two points off the ground in a cell are noise of the depth, and no reason to forget that it was free."""
+"""One or two points off the ground are noise of the depth, and no reason to forget that a cell was free."""
 
 
 class LastSeenMap:

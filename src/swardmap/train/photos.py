@@ -162,7 +162,7 @@ def _of_frame(frame: Frame, config: DataConfig, number: int, network: NetworkCon
 
 
 def _of_set(codes: Image, config: DataConfig, number: int, network: NetworkConfig) -> Image:
-    """Codes of the data set's own where its void pixels are known in part or its obstacles weigh otherwise."""
+    """Codes of the data set's own, where its void is known in part or its obstacles weigh otherwise."""
     if config.void_means:
         codes = np.where(codes == VOID_ID, np.uint8(PARTIAL_CODE + number), codes)
     if config.obstacle_weight != 1 and not config.validation:
