@@ -29,7 +29,7 @@ from swardmap.eval.run import make_plan
 from swardmap.eval.safety import SafetyTally, judge, total_safety
 from swardmap.eval.things import find_things
 from swardmap.grid import GridSpec, OccupancyGrid
-from swardmap.models.onnx import open_segmenter, preprocess, segmentation_of
+from swardmap.models.onnx import open_segmenter, segmentation_of
 from swardmap.pipeline import new_map, observe
 
 SETTINGS = load_config(overrides=["grid.resolution_m=0.05"])
@@ -70,8 +70,7 @@ def tallies(folder: Path, network: Any, spent: dict[str, list[float]]) -> dict[s
         reference = made.dense(exact, true, pose, SETTINGS, spec)
         pixels = made.pixels(exact, pose, SETTINGS)
         things = find_things(exact, pixels, made.cells(pixels, spec), spec, SETTINGS, numbered.truth)
-        preprocess(frame.rgb, network.spec, network._buffer())
-        logits = network._logits_of_buffer()
+        logits = network.logits(frame.rgb)
         started = time.process_time()
         mask = segmentation_of(logits, network.spec)
         decided = time.process_time()

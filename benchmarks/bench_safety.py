@@ -33,8 +33,10 @@ import numpy as np
 from swardmap.config import load_config
 from swardmap.eval.dataset import DatasetSpec, open_dataset, read_frames
 from swardmap.eval.frame import Plan, evaluate_frame, pose_of, segmenter_of
-from swardmap.eval.maps import FrameMaps, at_resolution, compare_frame, compare_maps, true_segmentation
+from swardmap.eval.frame_maps import FrameMaps
+from swardmap.eval.maps import compare_frame, compare_maps, true_segmentation
 from swardmap.eval.metrics import METRICS
+from swardmap.eval.protocols import at_resolution
 from swardmap.eval.results import metrics_of, safety_section
 from swardmap.eval.run import evaluate, make_plan
 from swardmap.eval.safety import judge

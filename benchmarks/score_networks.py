@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from swardmap.errors import InputError
 from swardmap.labels import VOID_ID
 from swardmap.models import bundled_network
-from swardmap.models.onnx import OnnxSegmenter, decide, preprocess
+from swardmap.models.onnx import OnnxSegmenter, decide
 from swardmap.train.data import load_photos
 from swardmap.train.light import SRGB_GAMMA, saturated, vignette
 from swardmap.train.photos import Photo
@@ -162,12 +162,8 @@ def each_logits(
     segmenter: OnnxSegmenter, photos: Sequence[Photo]
 ) -> Iterator[tuple[Photo, NDArray[np.float32]]]:
     """Every photo with the network's logits (1, C, h, w)."""
-    spec = segmenter.spec
-    buffer = np.zeros((1, 3, spec.height, spec.width), np.float32)
-    session = segmenter._session
     for photo in photos:
-        preprocess(photo.image, spec, buffer)
-        yield photo, session.run(None, {segmenter._input: buffer})[0]
+        yield photo, segmenter.logits(photo.image)
 
 
 def write_pictures(out: Path, segmenters: Sequence[OnnxSegmenter], stems: Sequence[str], root: Path) -> None:

@@ -25,7 +25,7 @@ swardmap train "$here/recipes/lawn-robots-full.yaml" --data "$root" -o "$root/ru
 # the first finds most lawn in shade, the last most persons and edges; a mean of their weights finds nearly as much as
 # each (docs/models.md): 0.4, 0.4 and 0.2
 release() {
-  swardmap export "$root/runs/lawn-robots-fine/last.pt" --data "$root" --size "$1" "$2" --calibrate-classes --grass-bias -1.3 \
+  swardmap export "$root/runs/lawn-robots-fine/last.pt" --data "$root" --size "$1" "$2" --calibrate-classes --grass-bias -0.6 \
     --blend "$root/runs/lawn-robots/last.pt" --blend-share 0.5 --blend "$root/runs/lawn-robots-full/last.pt" --blend-share 0.2 \
     "${@:3}"
 }

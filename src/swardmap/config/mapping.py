@@ -61,7 +61,7 @@ class GridConfig(Checked):
         True, "cells of fewer points count their neighbours' too, where nothing near is marked or in doubt"
     )
     clear_below: float = setting(
-        0.1,
+        0.05,
         "largest mean P(obstacle or person) over a cell's points with which it is cleared",
         minimum=0,
         maximum=1,

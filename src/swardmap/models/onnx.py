@@ -78,8 +78,12 @@ class OnnxSegmenter:
         Returns:
             (h, w) uint8 class ids and (h, w) float32, h x w being the network's output size.
         """
+        return decide(self.logits(rgb), self.spec)
+
+    def logits(self, rgb: NDArray[np.uint8]) -> Float32Array:
+        """(1, channels, h, w) float32: what the network says of an (H, W, 3) uint8 image, at its own size."""
         preprocess(rgb, self.spec, self._buffer())
-        return decide(self._run()[0], self.spec)
+        return self._run()[0]
 
     def _buffer(self) -> Float32Array:
         """The input of this thread."""

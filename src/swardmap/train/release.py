@@ -82,11 +82,11 @@ def release(
     result: dict[str, Any] = {"file": str(out), "difference": difference}
     try:
         if held:
-            result["float32"] = _figures(plain, held)
+            result["float32"] = measured(plain, held)
         if int8:
             photos = [photo.image for photo in _spread(recipe, root, images)]
             quantise(plain, out, photos)
-            result["int8"] = _figures(out, held) if held else None
+            result["int8"] = measured(out, held) if held else None
     finally:
         if int8:
             plain.unlink(missing_ok=True)
@@ -145,7 +145,7 @@ def _spread(recipe: Any, root: Path, count: int) -> list[Photo]:
     return list(islice(photos[:: max(1, len(photos) // count)], count))
 
 
-def _figures(path: Path, held: Mapping[str, list[Photo]]) -> dict[str, float | None]:
+def measured(path: Path, held: Mapping[str, list[Photo]]) -> dict[str, float | None]:
     """Figures of all photos together and, if there are several sets, of each."""
     scores = {name: evaluate_network(path, photos).score for name, photos in held.items()}
     first, *rest = scores.values()
