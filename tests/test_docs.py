@@ -171,6 +171,6 @@ def test_python_shown_in_the_readme_runs(tmp_path: Path) -> None:
         environment = os.environ | {"PYTHONWARNINGS": "error"}
         subprocess.run([sys.executable, "-c", block], env=environment, check=True, cwd=tmp_path)
     costs = read_costmap(tmp_path / "my_costmap.yaml").costs
-    assert costs.shape == (220, 151)  # as the comment says
+    assert costs.shape == (218, 151)  # as the comment says
     assert np.count_nonzero(costs == 254) > 100  # the box and its margin
     assert np.count_nonzero(costs == 0) > 10_000  # the lawn

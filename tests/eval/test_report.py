@@ -27,7 +27,10 @@ COMMAND = "swardmap evaluate 'a <script>alert(1)</script> & c' -o out"
 @pytest.fixture(scope="module")
 def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("report")
-    config = config_from_dict({"geometry": {"enabled": False}, "segmenter": {"name": "colour"}})
+    careless = {"min_grass_points": 1}  # so that frames have missed cells
+    config = config_from_dict(
+        {"geometry": {"enabled": False}, "segmenter": {"name": "colour"}, "grid": careless}
+    )
     plan = make_plan(DatasetSpec("analytic:scenes=2,frames=3,width=128"), config)
     records = evaluate(plan, folder / "run", workers=1)
     records[4] = {"index": 4, "error": "rgb/<b>.png is truncated"}

@@ -26,7 +26,10 @@ COMMAND = "swardmap evaluate 'a <b> & c' -o out"
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    config = config_from_dict({"geometry": {"enabled": False}, "segmenter": {"name": "colour"}})
+    careless = {"min_grass_points": 1}  # so that frames have missed cells
+    config = config_from_dict(
+        {"geometry": {"enabled": False}, "segmenter": {"name": "colour"}, "grid": careless}
+    )
     plan = make_plan(
         DatasetSpec("analytic:scenes=2,frames=4,width=128"), config, protocols=("dense", "paper-own")
     )

@@ -191,6 +191,7 @@ unit = st.floats(-1, 1)
 
 
 @given(st.tuples(unit, unit, unit).filter(lambda v: np.linalg.norm(v) > 0.1), st.floats(-50, 50))
+@example((0.0, 1e-06, -1.0), 0.0)  # all but upside down
 def test_levelling_puts_the_plane_at_zero_by_the_smallest_turn(
     direction: tuple[float, float, float], offset: float
 ) -> None:

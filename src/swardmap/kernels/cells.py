@@ -81,8 +81,8 @@ def enough_together(classes, points, iy, ix, enough):  # type: ignore[no-untyped
 
 
 @compiled()
-def clear_together(classes, points, enough):  # type: ignore[no-untyped-def]
-    """grid.clear_together, in place; (height, width) uint8 and (height, width, 4) uint32."""
+def clear_together(classes, semantic, points, enough):  # type: ignore[no-untyped-def]
+    """grid.clear_together, in place; twice (height, width) uint8, (height, width, 4) uint32."""
     height, width = classes.shape
     cleared = np.zeros(classes.shape, np.bool_)
     for iy in range(height):
@@ -92,7 +92,7 @@ def clear_together(classes, points, enough):  # type: ignore[no-untyped-def]
     for iy in range(height):
         for ix in range(width):
             if cleared[iy, ix]:
-                classes[iy, ix], points[iy, ix, 1] = GRASS, enough
+                classes[iy, ix], semantic[iy, ix], points[iy, ix, 1] = GRASS, GRASS, enough
 
 
 @compiled(inline="never")

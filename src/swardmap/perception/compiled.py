@@ -178,5 +178,5 @@ def judge(counted: Counted, ground: Ground | None, config: Config) -> Judged:
         points.reshape(-1), semantic.reshape(-1), classes.reshape(-1), marks.reshape(3, -1),
     )  # fmt: skip
     if rules.clear_together:
-        kernel.clear_together(classes, points, np.uint32(rules.min_grass_points))
+        kernel.clear_together(classes, semantic, points, np.uint32(rules.min_grass_points))
     return Judged(classes, points, semantic, GeometricMarks(*marks) if geometry.enabled else None)

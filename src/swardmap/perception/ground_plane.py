@@ -118,11 +118,13 @@ def level_pose(plane: Plane, parent: str = "level", child: str = "map") -> Pose:
         child: name of the frame to level.
     """
     nx, ny, nz = plane.normal
-    if nz < -1 + 1e-9:
+    sine_squared = nx**2 + ny**2
+    if nz < 0 and sine_squared < 1e-24:
         rotation = np.diag([1.0, -1.0, -1.0])  # upside down: any half turn about a level axis will do
     else:
         axis = np.array([[0, 0, -nx], [0, 0, -ny], [nx, ny, 0]])  # of normal x z, as a matrix
-        rotation = np.eye(3) + axis + axis @ axis / (1 + nz)
+        share = 1 / (1 + nz) if nz >= 0 else (1 - nz) / sine_squared  # equal; neither cancels digits
+        rotation = np.eye(3) + axis + axis @ axis * share
     matrix = np.eye(4)
     matrix[:3, :3] = rotation
     matrix[2, 3] = -plane.offset_m

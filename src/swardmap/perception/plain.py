@@ -10,7 +10,7 @@ from swardmap.config import CloudConfig, Config
 from swardmap.geometry import Pose, deproject, transform_points
 from swardmap.grid import GridSpec, classify_cells, clear_together, count_points
 from swardmap.kernels.constants import HIGHEST, NOT_CONSISTENT, NOT_IN_RANGE, OUTSIDE, PER_METRE, VOID
-from swardmap.labels import LabelClass, LabelSet, Role
+from swardmap.labels import LabelClass, LabelSet, MapClass, Role
 from swardmap.perception.backend import Judged
 from swardmap.perception.cloud import (
     consistent_depth,
@@ -175,4 +175,5 @@ def judge(counted: Counted, ground: Ground | None, config: Config) -> Judged:
         points, classes = with_marks(points, classes, marks.marks, geometry.semantics)
     if rules.clear_together:
         classes, points = clear_together(classes, points, rules.min_grass_points)
+        semantic = np.maximum(semantic, (classes == MapClass.GRASS).astype(np.uint8))
     return Judged(classes, points, semantic, marks)
