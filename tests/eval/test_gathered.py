@@ -43,7 +43,8 @@ def drives(tmp_path: Path) -> list[Path]:
 @pytest.fixture
 def out(drives: list[Path], tmp_path: Path) -> Path:
     run("evaluate", drives[0], "-o", tmp_path / "out", "--segmenter", "colour", *CARELESS, "--workers", 1,
-        "--no-budget", "--resolution", 0.1, "--share", 0.5, "--confidence", 0.6, "--protocol", "dense")  # fmt: skip
+        "--no-budget", "--resolution", 0.1, "--share", 0.5, "--confidence", 0.6,
+        "--protocol", "dense")  # fmt: skip
     return tmp_path / "out"
 
 
