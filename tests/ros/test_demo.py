@@ -1,4 +1,7 @@
-"""`swardmap ros --demo` over real DDS: a mower drives, stands for a person, goes around a bed, comes back."""
+"""`swardmap ros --demo` over real DDS: a mower drives, stands for a person, goes around a bed, comes back.
+
+The start area is not granted by the node itself here: the mower's operator has to ask for it.
+"""
 
 import importlib.util
 import json
@@ -11,6 +14,7 @@ from typing import Any
 
 import pytest
 
+from swardmap.ros.driver import NOWHERE
 from swardmap.synth.live_garden import BED_HALF_M, BED_M, GOAL_M, Visit
 from tests.ros.node_process import environment, program
 
@@ -29,6 +33,7 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, Any]]:
     folder, namespace = tmp_path_factory.mktemp("demo"), f"/d{uuid.uuid4().hex[:8]}"
     command = [sys.executable, "-m", "swardmap", "ros", "--demo", "--garden", "solids", "--rounds", "1"]
     command += ["--pace", FAST, "--", "-r", f"__ns:={namespace}"]
+    command += ["-p", "start_area_at_start:=false"]
     with subprocess.Popen(command, env=environment(), cwd=folder) as process:
         try:
             program("status_log", namespace, str(folder / "told.json"), timeout_s=1000)
@@ -38,6 +43,11 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, Any]]:
                 process.terminate()
     lines: list[dict[str, Any]] = json.loads(Path(folder / "told.json").read_text(encoding="utf-8"))
     return lines
+
+
+def test_it_sets_out_once_the_service_has_granted_a_start_area(told: list[dict[str, Any]]) -> None:
+    moves = next(i for i, t in enumerate(told) if t["place"] != told[0]["place"])
+    assert any(t["reason"] == NOWHERE for t in told[:moves])
 
 
 def test_it_goes_there_and_comes_back(told: list[dict[str, Any]]) -> None:
