@@ -148,10 +148,11 @@ def test_mirrored_images_are_named_in_a_turn() -> None:
     source = AnalyticSource(garden_scene(0), tuple(turning(5)), LENS)
     frames = [replace(f, stamp_ns=(i + 1) * 100_000_000) for i, f in enumerate(source)]
     assert not doubts(frames).faults
-    sides = ("rgb", "depth", "labels")
-    mirrored = [
-        replace(f, **{n: np.ascontiguousarray(getattr(f, n)[:, ::-1]) for n in sides}) for f in frames
-    ]
+    mirrored = []
+    for f in frames:
+        assert f.labels is not None
+        rgb, depth, labels = f.rgb[:, ::-1].copy(), f.depth[:, ::-1].copy(), f.labels[:, ::-1].copy()
+        mirrored.append(replace(f, rgb=rgb, depth=depth, labels=labels))
     assert set(doubts(mirrored).faults) == {Fault.MOTION}
 
 

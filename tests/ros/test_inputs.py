@@ -35,7 +35,7 @@ def live(
     rgb = render(camera, (T_map_base(0) @ mount("c")).matrix)[0]
     for kind, of in ((COLOR, camera), (DEPTH_KIND, depth_camera or camera)):
         inputs.add_info(kind, drive.message(bags.INFO, camera_info_fields(of, START_NS, OPTICAL)))
-    pairs = []
+    pairs: list[Any] = []
     for stamp_ns in (START_NS, START_NS + 10**8):  # a pair is certain when the next image is there
         for kind, image in ((COLOR, rgb), (DEPTH_KIND, depth)):
             message = drive.message(bags.IMAGE, image_fields(image, stamp_ns, OPTICAL))

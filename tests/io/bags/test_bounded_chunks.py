@@ -29,7 +29,7 @@ def mcap_of(path: Path, message: bytes, compression: CompressionType) -> Path:
         schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data")
         channel = writer.register_channel("/words", "cdr", schema)
         writer.add_message(channel, 1, message, 1)
-        writer.finish()
+        writer.finish()  # type: ignore[no-untyped-call]
     return path
 
 
