@@ -139,8 +139,9 @@ def paint(case: Path, name: str) -> None:
         shutil.copytree(source, there, dirs_exist_ok=True, ignore=unpainted)
         (there / "rgb").mkdir(exist_ok=True)
         for file in sorted((source / "rgb").iterdir()):
-            lawn = cv2.imread(str(source / "labels" / f"{file.stem}.png"), cv2.IMREAD_UNCHANGED) == GRASS.id
-            rgb = cv2.imread(str(file))[..., ::-1]
+            labels = cv2.imread(str(source / "labels" / f"{file.stem}.png"), cv2.IMREAD_UNCHANGED)
+            lawn = np.asarray(labels) == GRASS.id
+            rgb = np.asarray(cv2.imread(str(file)), np.uint8)[..., ::-1]
             cv2.imwrite(str(there / "rgb" / f"{file.stem}.png"), painted(rgb, lawn, PAINTS[name])[..., ::-1])
         shutil.copy(source / "complete.json", there / "complete.json")
 
@@ -159,7 +160,7 @@ def painted(rgb: NDArray[np.uint8], lawn: NDArray[np.bool_], how: Paint) -> NDAr
     share = cv2.GaussianBlur(lawn.astype(np.float32), (0, 0), 0.7)[..., None]  # as a lens mixes them
     x = np.clip((x * (1 - share) + other * share) * np.array(how.light), 0, 1)
     x = np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
-    return np.round(255 * x).astype(np.uint8)
+    return np.asarray(np.round(255 * x), np.uint8)
 
 
 def cases(out: Path, only: str) -> list[Path]:
@@ -197,6 +198,7 @@ def measure(there: Path, start: Path | None) -> dict[str, dict[str, float | None
         found[name] = figures(json.loads((result / "results.json").read_text()))
         if segmenter != "truth":
             network = bundled_network() if segmenter == "auto" else Path(segmenter)
+            assert network is not None
             found[name] |= pixels(OnnxSegmenter(network, 1), other)
     return found
 

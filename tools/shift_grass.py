@@ -46,9 +46,7 @@ def main() -> None:
     figures = measured(options.out, photos)
     metrics = dict(spec.metrics)
     before = {k: metrics.pop(k) for k in ("float32", "int8") if k in metrics}
-    with_spec(
-        options.out, temperature=temperature, metrics={"int8": figures, "at_export": before, **metrics}
-    )
+    with_spec(options.out, temperature=temperature, metrics={"int8": figures, "at_export": before, **metrics})
     print(f"grass bias {bias:g}, temperature {temperature:.3f}")
     print("  ".join(f"{k} {v:.4f}" for k, v in figures.items() if v is not None))
 
