@@ -139,4 +139,6 @@ def test_every_parameter_is_either_safe_or_has_a_reason(name: str) -> None:
 
     section = name.split(".")[0]
     per_frame = {"cloud", "costmap", "geometry", "backend", "segmenter"} | {n for n in SAFE if "." not in n}
-    assert (refusal(name, Config()) is None) <= (section in per_frame or name.startswith("grid.min_"))
+    assert (refusal(name, Config()) is None) <= (
+        section in per_frame or name.startswith("grid.min_") or name == "grid.clear_together"
+    )
