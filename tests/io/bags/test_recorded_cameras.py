@@ -393,7 +393,8 @@ def test_colours_of_every_encoding(tmp_path: Path, encoding: str) -> None:
     # away from edges, where half the colours are a neighbour's
     around = cv2.morphologyEx(truth, cv2.MORPH_GRADIENT, np.ones((9, 9))).max(axis=-1)
     np.testing.assert_allclose(frame.rgb[around == 0].astype(int), truth[around == 0], atol=3)
-    assert check_box(path).grass == 2774  # as in the control
+    # as in the control, but for cells two away from the edge, which clear with their neighbours
+    assert abs(check_box(path).grass - 2774) <= 4
 
 
 def test_rows_of_colour_may_be_counted_or_not(tmp_path: Path) -> None:
