@@ -160,6 +160,8 @@ def fuzz_all(
         _readers.update(readers(Path(corpus)))
         workers = len(os.sched_getaffinity(0))
         chosen = list(names) or list(_readers)
+        if strange := set(chosen) - set(_readers):
+            raise SystemExit(f"expected readers of {', '.join(_readers)}; got {', '.join(sorted(strange))}")
         jobs = [(name, seconds * workers / len(chosen), most, seed) for name in chosen]
         with get_context("fork").Pool(workers, maxtasksperchild=1) as pool:
             for name, cases, failures in pool.imap_unordered(_one, jobs):
