@@ -42,8 +42,8 @@ SPEED_MPS, RATE_HZ, TURN_S = 0.45, 15.0, 3.0
 RANGE_M = 6.0
 CONFIG = config_from_dict(
     {
-        "grid": {"mode": "evidence"},
-        # the reference has no filter of its own
+        "grid": {"mode": "evidence", "min_grass_points": 3, "clear_together": False},
+        # the reference counts each cell alone, and has no filter of its own
         "cloud": {"max_range_m": RANGE_M, "consistent_neighbours": 0},
     }
 )
@@ -194,7 +194,8 @@ def mow(minutes: float, every_min: float, folder: Path) -> Hour:
     """Drive, look at everything, save, load, and drive on."""
     scene, hour, at_once = lawn(), Hour(), AtOnce(CONFIG)
     window_config = config_from_dict(
-        {"grid": {"mode": "evidence"}, "evidence": {"window_m": 12.0},
+        {"grid": {"mode": "evidence", "min_grass_points": 3, "clear_together": False},
+         "evidence": {"window_m": 12.0},
          "cloud": {"max_range_m": RANGE_M, "consistent_neighbours": 0}}
     )  # fmt: skip
     whole, window = ObstacleMapper(Truth(), CONFIG), ObstacleMapper(Truth(), window_config)

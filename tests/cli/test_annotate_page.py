@@ -84,6 +84,7 @@ def test_every_command_of_the_page_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("SWARDMAP_GRID__MIN_GRASS_POINTS", "1")  # so that eight small frames miss some cells
     source = AnalyticSource(garden_scene(1), tuple(lane_poses(16, step_m=0.3)), SMALL, noise=StereoNoise())
     truth = {f"{i:06d}": frame.labels for i, frame in enumerate(source)}
     write_folder(source, "drive")
