@@ -21,8 +21,8 @@ VERBS = (
     "node_save",
     "train",
 )
-EVERY = {"record": 1, "record_over": 1, "node_save": 9, "train": 9}
-"""Calls from one kill to the next, else 5; `python -m tests.runs.kills` takes any."""
+EVERY = {"record": 1, "record_over": 1, "node_save": 9, "synth": 19, "synth_over": 19}
+"""Calls from one kill to the next, else 9; `python -m tests.runs.kills` takes any."""
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs processes of POSIX")
 
 
@@ -44,7 +44,7 @@ def killed(verb: str, folder: Path, every: int) -> list[str]:
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("verb", VERBS)
 def test_killed_at_its_calls_a_verb_leaves_old_or_new_or_a_plan(verb: str, tmp_path: Path) -> None:
-    _, row = killed(verb, tmp_path, EVERY.get(verb, 5))
+    _, row = killed(verb, tmp_path, EVERY.get(verb, 9))
     assert int(row.split("|")[2]) > 2
 
 
