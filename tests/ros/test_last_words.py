@@ -1,25 +1,13 @@
 """What the node says at the end of a run: as `swardmap map` does."""
 
-from typing import Any
-
 import pytest
 
-from swardmap.errors import InputError
-from swardmap.io.bags.topics import ImageTopic
 from swardmap.ros.last_words import last_words
-from tests.ros.test_live_pipeline import one_robot
+from tests.ros.test_live_pipeline import one_robot, robot_with_a_damaged_image
 
 
 def test_what_a_run_came_to(monkeypatch: pytest.MonkeyPatch) -> None:
-    robot = one_robot()
-    robot.run([0.0, 0.1])
-
-    def damaged(*_: Any) -> Any:
-        raise InputError("expected 57600 bytes, got 12")
-
-    with monkeypatch.context() as patch:
-        patch.setattr(ImageTopic, "color", damaged)
-        robot.step(2, 0.2)
+    robot = robot_with_a_damaged_image(monkeypatch)
     lines = last_words(robot.pipeline)
     assert lines[0] == "frames mapped: 2 of camera"
     assert "left out: 1 x image that cannot be used" in lines

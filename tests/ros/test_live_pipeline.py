@@ -398,7 +398,8 @@ def test_a_network_that_fails_on_each_frame_stops_the_robot(monkeypatch: pytest.
     assert free_cells(robot.pipeline) == 0
 
 
-def test_a_damaged_image_is_left_out_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+def robot_with_a_damaged_image(monkeypatch: pytest.MonkeyPatch) -> Robot:
+    """After two images that were mapped, a third that cannot be read."""
     robot = one_robot()
     robot.run([0.0, 0.1])
 
@@ -408,6 +409,11 @@ def test_a_damaged_image_is_left_out_and_counted(monkeypatch: pytest.MonkeyPatch
     with monkeypatch.context() as patch:
         patch.setattr(ImageTopic, "color", damaged)
         robot.step(2, 0.2)
+    return robot
+
+
+def test_a_damaged_image_is_left_out_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = robot_with_a_damaged_image(monkeypatch)
     robot.step(3, 0.3)
     assert robot.pipeline.skipped == {"image that cannot be used": 1}
     assert robot.pipeline.facts["mapped"] == {"camera": 3}

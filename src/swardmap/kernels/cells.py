@@ -82,7 +82,7 @@ def enough_together(classes, points, iy, ix, enough):  # type: ignore[no-untyped
 
 @compiled()
 def clear_together(classes, semantic, points, enough):  # type: ignore[no-untyped-def]
-    """grid.clear_together, in place; twice (height, width) uint8, (height, width, 4) uint32."""
+    """observation.clear_together, in place; twice (height, width) uint8, (height, width, 4) uint32."""
     height, width = classes.shape
     cleared = np.zeros(classes.shape, np.bool_)
     for iy in range(height):

@@ -1,6 +1,7 @@
 """What one frame says of the cells it sees: the only thing that maps take in."""
 
 from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -154,6 +155,42 @@ def without_doubt(
     told[doubted, MapClass.UNKNOWN] += told[doubted, MapClass.GRASS]
     told[doubted, MapClass.GRASS] = 0
     return told
+
+
+def clear_together(
+    classes: NDArray[np.uint8], points: NDArray[np.uint32], min_grass_points: int
+) -> tuple[NDArray[np.uint8], NDArray[np.uint32]]:
+    """Clear cells whose points of grass are too few, but enough with those of their neighbours.
+
+    Far away a cell holds one or two pixels: its lawn would stay unknown for want of points. The cell has a
+    point of grass itself, the 3 x 3 cells about it hold enough and none that is in doubt, and
+    none of the 5 x 5 is marked: next to an obstacle a cell needs points of its own.
+
+    Args:
+        classes: (height, width) uint8 MapClass of all evidence.
+        points: (height, width, 4) uint32 as of `Observation.points`.
+        min_grass_points: points that clear a cell.
+
+    Returns:
+        Both anew; a cell that is cleared so has as many points of grass as clear it.
+    """
+    grass, doubted = points[..., MapClass.GRASS], points[..., MapClass.UNKNOWN]
+    few = (classes == MapClass.UNKNOWN) & (grass > 0) & (grass < min_grass_points)
+    enough = _neighbours(grass, np.add) >= min_grass_points
+    sure = _neighbours(doubted, np.maximum) == 0
+    near = _neighbours(_neighbours(classes, np.maximum), np.maximum)
+    cleared = few & enough & sure & (near < MapClass.OBSTACLE)
+    classes, points = classes.copy(), points.copy()
+    classes[cleared] = MapClass.GRASS
+    points[cleared, MapClass.GRASS] = min_grass_points
+    return classes, points
+
+
+def _neighbours(values: NDArray[Any], join: np.ufunc) -> NDArray[Any]:
+    """Each cell joined with the eight about it; nothing lies beyond the rim."""
+    padded = np.pad(values, 1)
+    rows = join(join(padded[:-2], padded[1:-1]), padded[2:])
+    return np.asarray(join(join(rows[:, :-2], rows[:, 1:-1]), rows[:, 2:]))
 
 
 def pixel_counts(placed: Placed, counted: Counted) -> PixelCounts:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from swardmap.config import CloudConfig, Config
 from swardmap.geometry import Pose, deproject, transform_points
-from swardmap.grid import GridSpec, classify_cells, clear_together, count_points
+from swardmap.grid import GridSpec, classify_cells, count_points
 from swardmap.kernels.constants import HIGHEST, NOT_CONSISTENT, NOT_IN_RANGE, OUTSIDE, PER_METRE, VOID
 from swardmap.labels import LabelClass, LabelSet, MapClass, Role
 from swardmap.perception.backend import Judged
@@ -22,7 +22,7 @@ from swardmap.perception.cloud import (
 )
 from swardmap.perception.geometric_obstacles import geometric_marks, with_marks
 from swardmap.perception.ground_surface import Ground, Sums, fit_ground
-from swardmap.perception.observation import may_clear, without_doubt
+from swardmap.perception.observation import clear_together, may_clear, without_doubt
 from swardmap.perception.passes import (
     Counted,
     Placed,
