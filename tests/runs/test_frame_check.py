@@ -17,7 +17,8 @@ from swardmap.io.sources.folder import write_folder
 from swardmap.labels import GRASS_OBSTACLE_PERSON, MapClass
 from swardmap.monitor.diagnostics import frame_stats
 from swardmap.monitor.watchdog import Watchdog
-from swardmap.runs.frame_check import FrameCheck, faults_of_records, looks_of, step_of
+from swardmap.runs.frame_check import FrameCheck
+from swardmap.runs.record_looks import Looker, watchdog_of, with_mask
 from swardmap.runs.recording import MapRun, map_recording
 from swardmap.runs.summary import report_lines
 from swardmap.synth.analytic import AnalyticSource, garden_scene, lane_poses
@@ -95,13 +96,9 @@ def test_a_frame_that_the_node_refuses_is_named_and_frees_nothing(
     fit = [node.observe_frame("camera", frame_stats(f, f.stamp_ns, mount)) for f in source.frames]
     check = FrameCheck(TRUTH.watchdog)
     assert [check.is_fit(f) for f in source.frames] == fit, "as the node says"
-    looks, before = [], None
-    for frame in source.frames:
-        now = frame_stats(frame, 0)
-        look = looks_of(frame, frame.T_map_camera, TRUTH.watchdog)
-        looks.append(look | {"step": step_of(before, now)})
-        before = now
-    assert faults_of_records(looks, TRUTH.watchdog) == {fault: count}
+    looker = Looker(TRUTH.watchdog)
+    records = [{"looks": looker.see(i, frame)} for i, frame in enumerate(source.frames)]
+    assert watchdog_of(records, TRUTH.watchdog)["faults"] == {fault: count}
 
 
 def test_strict_stops_at_the_first_and_all_faulty_is_an_error(tmp_path: Path) -> None:
@@ -152,8 +149,9 @@ def test_frames_that_the_network_does_not_know_are_counted_and_free_nothing(tmp_
     with pytest.raises(InputError, match=rf"frame {names[3]}: unfamiliar \(--strict stops here\)"):
         map_recording(Given(list), config=TRUTH, segmenter=Doubter(names[3:]), strict=True)
     strange = Doubter(names[:1])(source.frames[0])
-    look = looks_of(source.frames[0], None, TRUTH.watchdog, strange)
-    assert faults_of_records([look], TRUTH.watchdog) == {"unfamiliar": 1}
+    frame = source.frames[0]
+    look = with_mask(Looker(TRUTH.watchdog).see(0, frame), frame, strange, None, TRUTH.watchdog)
+    assert watchdog_of([{"looks": look}], TRUTH.watchdog)["faults"] == {"unfamiliar": 1}
 
 
 def test_simulators_without_noise_may_repeat_themselves() -> None:
@@ -161,7 +159,8 @@ def test_simulators_without_noise_may_repeat_themselves() -> None:
         {"segmenter": {"name": "truth"}, "output": {"pictures": 0}, "watchdog": {"frozen_s": None}}
     )
     assert map_recording(Given(frozen), config=config).summary["frames"] == 6
-    assert faults_of_records([{"faults": [], "prints": [1, 2]}] * 3, WatchdogConfig(frozen_s=None)) == {}
+    same = [{"looks": {"faults": [], "prints": [1, 2]}}] * 3
+    assert watchdog_of(same, WatchdogConfig(frozen_s=None))["faults"] == {}
 
 
 def test_the_command_tells_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

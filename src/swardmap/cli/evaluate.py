@@ -172,14 +172,16 @@ def _written(
     from swardmap.eval.results import results
     from swardmap.eval.worst import worst_frames
     from swardmap.io.door import reading
-    from swardmap.runs.frame_check import faults_of_records
+    from swardmap.runs.frame_check import doubt_warnings
+    from swardmap.runs.record_looks import watchdog_of
 
     run = gather(out)
     margin = MarginOptions(**(written_margin_options(out) | margin_options))
     with reading(out, "whole records of an evaluation"):
         found = results(run.plan, run.records, margin, command="swardmap " + shlex.join(sys.argv[1:]))
+        watchdog = watchdog_of(run.records, run.plan.config.watchdog)
     found["recordings"], found["unfinished"] = recordings_section(run), list(run.unfinished)
-    found["faults"] = faults_of_records([r.get("looks") for r in run.records], run.plan.config.watchdog)
+    found["faults"], found["warnings"] = watchdog["faults"], doubt_warnings(watchdog)
     found["cost"] = margin_cost(found, *cost)
     again = worst_frames(run, found)
     found["worst_things"] = worst_things(again, run.plan.margin_m)

@@ -32,6 +32,7 @@ def summary_text(found: dict[str, Any], out: Path) -> str:
     if found.get("faults"):
         counts = ", ".join(f"{n} x {fault}" for fault, n in found["faults"].items())
         lines.append(f"frames that the watchdog of the node would name: {counts}")
+    lines += [f"warning: {warning}" for warning in found.get("warnings", ())]
     if margin["margin_m"] is None:
         lines += [f"no margin: {margin['reason']}", *refusal_lines(found, out)]
     else:

@@ -17,7 +17,7 @@ from swardmap.eval.budget import PoseNoise, RealAndTrue, budget, noisy_pose
 from swardmap.eval.confusion import aligned_masks, confusion_of_masks
 from swardmap.eval.dataset import DatasetSpec, Numbered, read_frames
 from swardmap.eval.frame_maps import FrameMaps
-from swardmap.eval.maps import MapComparison, compare_frame
+from swardmap.eval.maps import MapComparison, compare_frame, spec_of
 from swardmap.eval.protocols import PROTOCOLS, at_resolution
 from swardmap.eval.safety import SafetyTally, judge, unjudged
 from swardmap.eval.things import find_things
@@ -26,8 +26,7 @@ from swardmap.io.maps.margin_file import LARGEST_M
 from swardmap.io.sources.truth import FrameTruth
 from swardmap.labels import LabelSet
 from swardmap.models import build_segmenter
-from swardmap.monitor.diagnostics import FrameStats, frame_stats
-from swardmap.runs.frame_check import looks_of, step_of
+from swardmap.runs.record_looks import Look, Looker, first_looked_at, with_mask
 from swardmap.runs.versions import segmenter_title
 from swardmap.segmenter import Segmenter
 from swardmap.types import Frame, Segmentation
@@ -145,32 +144,33 @@ def evaluate_part(plan: Plan, start: int, stop: int) -> str:
 
 
 def records(plan: Plan, start: int, stop: int) -> Iterator[dict[str, Any]]:
-    """Evaluate the frames start..stop-1, each index once; the one before them is looked at."""
-    before: FrameStats | None = None
-    for numbered in read_frames(plan.dataset, max(0, start - 1), stop):
-        if numbered.index < start:
-            before = None if numbered.frame is None else frame_stats(numbered.frame, 0)
+    """Evaluate the frames start..stop-1, each index once; some before them are looked at."""
+    looker = Looker(plan.config.watchdog)
+    for numbered in read_frames(plan.dataset, first_looked_at(start), stop):
+        index, frame = numbered.index, numbered.frame
+        look = looker.see(index, frame)
+        if index < start:
             continue
-        if numbered.frame is None:
-            before = None
-            yield {"index": numbered.index, "error": numbered.error}
+        if frame is None:
+            yield {"index": index, "error": numbered.error}
             continue
-        frame = numbered.frame
-        stats = frame_stats(frame, 0)
-        step, before = step_of(before, stats), stats
         try:
-            record = evaluate_frame(plan, numbered, segmenter_of(plan, frame.label_set))
-            record["looks"]["step"] = step
-            yield record
+            yield evaluate_frame(plan, numbered, segmenter_of(plan, frame.label_set), look)
         except SwardmapError as error:
-            yield {
-                "index": numbered.index,
-                "error": f"frame {numbered.frame.name or numbered.index}: {error}",
-            }
+            yield {"index": index, "error": f"frame {frame.name or index}: {error}"}
 
 
-def evaluate_frame(plan: Plan, numbered: Numbered, segmenter: Segmenter) -> dict[str, Any]:
-    """Everything that is counted of one frame, as plain data."""
+def evaluate_frame(
+    plan: Plan, numbered: Numbered, segmenter: Segmenter, look: Look | None = None
+) -> dict[str, Any]:
+    """Everything that is counted of one frame, as plain data.
+
+    Args:
+        plan: of the run.
+        numbered: the frame.
+        segmenter: gives its mask.
+        look: of a `Looker` that has seen the frames before it; None = it is looked at alone.
+    """
     frame = numbered.frame
     if frame is None or frame.labels is None or frame.label_set is None:
         raise InputError(f"frame {numbered.index}: expected a frame with true labels, got none")
@@ -186,11 +186,14 @@ def evaluate_frame(plan: Plan, numbered: Numbered, segmenter: Segmenter) -> dict
             maps[key] = found.tally.to_dict()
             if key == plan.main:
                 missed = _places(found)
+    robot, watchdog = at_resolution(plan.config, plan.resolutions_m[0]), plan.config.watchdog
+    slope = made.ground_slope(frame, pose, robot, spec_of(frame, pose, robot))
+    seen = look or Looker(watchdog).see(numbered.index, frame)
     return {
         "index": numbered.index,
         "name": frame.name,
         "tags": {str(k): str(v) for k, v in sorted(frame.tags.items())},
-        "looks": looks_of(frame, frame.T_map_camera, plan.config.watchdog, segmentation),
+        "looks": with_mask(seen, frame, segmentation, slope, watchdog),
         "mask": confusion_of_masks(truth, called, segmentation.label_set).to_dict(),
         "maps": maps,
         "missed": missed,

@@ -82,6 +82,16 @@ class FrameMaps:
             self._made[key] = grid, (frame, segmentation, T_map_camera, config)
         return self._made[key][0]
 
+    def ground_slope(
+        self, frame: Frame, T_map_camera: Pose, config: Config, spec: GridSpec
+    ) -> tuple[float, float] | None:
+        """(dz/dx, dz/dy) of the ground that the frame shows, in the map; None = none."""
+        ground = self._depth_of(frame, T_map_camera, config, spec).ground
+        if ground is None:
+            return None
+        a, b, _ = ground.plane.tolist()
+        return a, b
+
     def _depth_of(self, frame: Frame, T_map_camera: Pose, config: Config, spec: GridSpec) -> Located:
         """Cells and ground of a frame: the same for every mask and for every rule of marking."""
         rules = id(config.cloud), ground_settings(config.geometry), config.backend

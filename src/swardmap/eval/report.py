@@ -70,6 +70,7 @@ def report_html(plan: Plan, results: Results, again: Sequence[tuple[int, FrameAg
         sections=shown,
         command=told_command(results["command"]) or "made from Python",
         has_frames=has_frames,
+        warnings=results.get("warnings", []),
         cards=cards(results) if has_frames else [],
         margin_chart=margin_chart(results),
         claims={"heads": CLAIM_HEADS, "rows": [claim_row(c) for c in results["margin"]["claims"]]},

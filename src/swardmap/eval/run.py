@@ -24,9 +24,9 @@ from swardmap.eval.frame import Plan, evaluate_part
 from swardmap.io.door import parse_json, reading
 from swardmap.io.files import read_bytes, write_text
 from swardmap.pipeline import configured_mount
-from swardmap.runs.frame_check import faults_in_order
 from swardmap.runs.parallel import OnDone, Tick, each_part
 from swardmap.runs.plan_folder import open_plan_folder, read_plan_file
+from swardmap.runs.record_looks import refused_in_order
 from swardmap.runs.versions import network_digest
 
 Part = tuple[int, int]
@@ -208,10 +208,8 @@ def _stop_at_fault(records: list[dict[str, Any]], config: Config) -> None:
     for record in records:
         if "error" in record:
             raise InputError(f"frame {record['index']}: {record['error']} (--strict stops here)")
-    looks = (record.get("looks") for record in records)
-    for place, faults in faults_in_order(looks, config.watchdog):
-        found = ", ".join(faults)
-        raise InputError(f"frame {records[place]['index']}: {found} (--strict stops here)")
+    for record, faults in refused_in_order(records, config.watchdog):
+        raise InputError(f"frame {record['index']}: {', '.join(faults)} (--strict stops here)")
 
 
 def _work(plan: Plan, part: Part, _: Tick) -> str:

@@ -41,10 +41,11 @@ class AlignWatch:
 
     def add(self, edges: EdgeLook | None) -> bool:
         """Take the edges of a frame; whether depth is shifted."""
-        if self.limit is None or edges is None:
-            return self.shift != 0
-        counts = shifted_counts(edges)
-        if counts is not None:
+        return self.take(None if self.limit is None or edges is None else shifted_counts(edges))
+
+    def take(self, counts: NDArray[np.int64] | None) -> bool:
+        """Take the `shifted_counts` of a frame; whether depth is shifted."""
+        if self.limit is not None and counts is not None:
             self._counts.append(counts)
             self.shift = shift_of(list(self._counts), self.limit)
         return self.shift != 0

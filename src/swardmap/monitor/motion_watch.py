@@ -68,6 +68,29 @@ def _turn_rad(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
 
 
 @dataclass(slots=True)
+class PairFinder:
+    """Finds views of one camera that lie far enough apart to be compared.
+
+    Attributes:
+        key: the view that those after it are compared with; None = the next one begins.
+    """
+
+    key: View | None = None
+
+    def add(self, view: View | None) -> PairOff | None:
+        """Take the view of a frame; by how much it and the key differ, where that can be told now."""
+        if view is None:
+            return None
+        key = self.key
+        if key is None or not _may_compare(key, view):
+            self.key = view
+        elif _are_apart(key, view):
+            self.key = view
+            return pair_off(key, view)
+        return None
+
+
+@dataclass(slots=True)
 class MotionWatch:
     """Tells from the last pairs of views whether their poses can be right.
 
@@ -78,22 +101,18 @@ class MotionWatch:
 
     limit: float | None
     found: bool = False
-    _key: View | None = None
+    _finder: PairFinder = field(default_factory=PairFinder)
     _pairs: deque[PairOff] = field(default_factory=lambda: deque(maxlen=WINDOW))
 
     def add(self, view: View | None) -> bool:
         """Take the view of a frame; whether view and pose differ. None = a frame without pose."""
-        if self.limit is None or view is None:
-            return self.found
-        key = self._key
-        if key is None or not _may_compare(key, view):
-            self._key = view
-        elif _are_apart(key, view):
-            self._key = view
-            pair = pair_off(key, view)
-            if pair is not None:
-                self._pairs.append(pair)
-                self.found = is_off(list(self._pairs), self.limit)
+        return self.found if self.limit is None else self.take(self._finder.add(view))
+
+    def take(self, pair: PairOff | None) -> bool:
+        """Take what a `PairFinder` found at a frame; whether view and pose differ."""
+        if self.limit is not None and pair is not None:
+            self._pairs.append(pair)
+            self.found = is_off(list(self._pairs), self.limit)
         return self.found
 
     def message(self) -> str:

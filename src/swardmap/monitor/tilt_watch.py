@@ -42,8 +42,12 @@ class TiltWatch:
 
     def add(self, T_map_camera: Pose, slope: tuple[float, float]) -> bool:
         """Take the ground of a frame as (dz/dx, dz/dy) in the map; whether it is tilted."""
+        return self.tilt_deg is not None if self.limit is None else self.take(tilted(T_map_camera, slope))
+
+    def take(self, seen: Tilted) -> bool:
+        """Take what `tilted` kept of a frame; whether the ground is tilted."""
         if self.limit is not None:
-            self._seen.append(tilted(T_map_camera, slope))
+            self._seen.append(seen)
             self.tilt_deg = tilt_of(list(self._seen), self.limit)
         return self.tilt_deg is not None
 

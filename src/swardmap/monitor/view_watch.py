@@ -3,11 +3,14 @@
 The map takes such frames: what is told is a warning, for a person to look at the robot.
 """
 
+import numpy as np
+from numpy.typing import NDArray
+
 from swardmap.geometry import Pose
 from swardmap.monitor.align_watch import AlignWatch
 from swardmap.monitor.diagnostics import Fault, FrameStats
-from swardmap.monitor.motion_watch import MotionWatch
-from swardmap.monitor.tilt_watch import TiltWatch
+from swardmap.monitor.motion_watch import MotionWatch, PairOff
+from swardmap.monitor.tilt_watch import Tilted, TiltWatch
 
 
 class ViewWatch:
@@ -22,15 +25,19 @@ class ViewWatch:
 
     def add(self, stats: FrameStats) -> list[Fault]:
         """Take a frame that is fit for the map; what is in doubt by it and those before it."""
-        found = {
-            Fault.MOTION: self._motion.add(stats.view),
-            Fault.MISALIGNED: self._align.add(stats.edges),
-        }
-        return [fault for fault, is_so in found.items() if is_so]
+        return _told(self._motion.add(stats.view), self._align.add(stats.edges))
+
+    def take(self, pair: PairOff | None, counts: NDArray[np.int64] | None) -> list[Fault]:
+        """The same of a frame of which only this is known: see `PairFinder` and `shifted_counts`."""
+        return _told(self._motion.take(pair), self._align.take(counts))
 
     def add_ground(self, T_map_camera: Pose, slope: tuple[float, float]) -> bool:
         """Take the ground that a frame has shown, as (dz/dx, dz/dy) in the map; whether it is tilted."""
         return self._tilt.add(T_map_camera, slope)
+
+    def take_ground(self, seen: Tilted) -> bool:
+        """The same of a frame of which only what `tilted` kept is known."""
+        return self._tilt.take(seen)
 
     def doubts(self) -> dict[Fault, str]:
         """What is found now, with the numbers."""
@@ -48,3 +55,7 @@ class ViewWatch:
                 f"level ground falls by {pitch:.1f} degrees ahead and {roll:.1f} to the right"
             )
         return found
+
+
+def _told(motion: bool, misaligned: bool) -> list[Fault]:
+    return [Fault.MOTION] * motion + [Fault.MISALIGNED] * misaligned

@@ -6,7 +6,7 @@ What needs a clock (stopped, stale, slow) cannot be told of a file.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import astuple, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any
 
 from swardmap.config import WatchdogConfig
@@ -14,7 +14,7 @@ from swardmap.errors import InputError
 from swardmap.geometry import Pose
 from swardmap.monitor.camera_monitor import image_faults
 from swardmap.monitor.diagnostics import Fault, FrameStats, frame_stats
-from swardmap.monitor.step_watch import StepCounts, StepWatch, step_counts
+from swardmap.monitor.step_watch import StepWatch, step_counts
 from swardmap.monitor.view_watch import ViewWatch
 from swardmap.types import Frame, Segmentation
 
@@ -59,7 +59,7 @@ class FrameCheck:
         Raises:
             InputError: if it is not, and `strict` is set.
         """
-        stats = frame_stats(frame, frame.stamp_ns, T_base_camera or _over_ground(frame.T_map_camera))
+        stats = frame_stats(frame, frame.stamp_ns, T_base_camera or over_ground(frame.T_map_camera))
         found = [fault for fault, bad in image_faults(stats, self._last, self.config).items() if bad]
         counts = None if self._last is None else step_counts(self._last.edges, stats.edges)
         if self._step.add(counts):
@@ -129,64 +129,9 @@ def doubt_warnings(watchdog: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _over_ground(T_map_camera: Pose | None) -> Pose | None:
+def over_ground(T_map_camera: Pose | None) -> Pose | None:
+    """The pose of a camera if z = 0 of its map may be the ground; else None."""
     if T_map_camera is None:
         return None
     low, high = CAMERA_HEIGHTS_M
     return T_map_camera if low < float(T_map_camera.position_m[2]) < high else None
-
-
-def looks_of(
-    frame: Frame, T_base_camera: Pose | None, config: WatchdogConfig, segmentation: Segmentation | None = None
-) -> dict[str, Any]:
-    """What a record of one frame keeps, so that faults can be told of records in order; plain data."""
-    stats = frame_stats(frame, frame.stamp_ns, _over_ground(T_base_camera))
-    alone = [str(fault) for fault, bad in image_faults(stats, None, config).items() if bad]
-    if segmentation is not None and segmentation.is_unfamiliar(config.unfamiliar):
-        alone.append(str(Fault.UNFAMILIAR))
-    return {"faults": alone, "prints": [stats.color_print, stats.depth_print]}
-
-
-def step_of(before: FrameStats | None, now: FrameStats) -> list[int] | None:
-    """Counts of two frames in turn, as a record keeps them under `looks`, beside what `looks_of` gives."""
-    counts = None if before is None else step_counts(before.edges, now.edges)
-    return None if counts is None else list(astuple(counts))
-
-
-def faults_of_records(looks: Iterable[Mapping[str, Any] | None], config: WatchdogConfig) -> dict[str, int]:
-    """How many frames had each fault, of what `looks_of` kept of them in order; None = a frame without."""
-    counts: dict[str, int] = {}
-    for _, faults in faults_in_order(looks, config):
-        for fault in faults:
-            counts[fault] = counts.get(fault, 0) + 1
-    return counts
-
-
-def faults_in_order(
-    looks: Iterable[Mapping[str, Any] | None], config: WatchdogConfig
-) -> Iterator[tuple[int, tuple[str, ...]]]:
-    """Place and faults of each frame that has any; see `faults_of_records`."""
-    last: Mapping[str, Any] | None = None
-    watch = StepWatch(config.step_ratio)
-    for place, look in enumerate(looks):
-        if look is not None:
-            faults = (*look["faults"], *_frozen(look, last, config), *_out_of_step(look, watch))
-            if faults:
-                yield place, faults
-        last = look
-
-
-def _out_of_step(look: Mapping[str, Any], watch: StepWatch) -> tuple[str, ...]:
-    counts = look.get("step")
-    return (str(Fault.OUT_OF_STEP),) if watch.add(None if counts is None else StepCounts(*counts)) else ()
-
-
-def _frozen(
-    look: Mapping[str, Any], last: Mapping[str, Any] | None, config: WatchdogConfig
-) -> tuple[str, ...]:
-    if last is None or config.frozen_s is None:
-        return ()
-    black, blind = Fault.BLACK in look["faults"], Fault.NO_DEPTH in look["faults"]
-    (color, depth), (color_before, depth_before) = look["prints"], last["prints"]
-    same = (not black and color == color_before) or (not blind and depth == depth_before)
-    return (str(Fault.FROZEN),) if same else ()
