@@ -17,6 +17,11 @@ def pipeline(save: Any, folder: Path) -> Any:
     return SimpleNamespace(mapper=SimpleNamespace(save=save), parameters=SimpleNamespace(node=node))
 
 
+@pytest.fixture(autouse=True)
+def _no_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(services, "run_facts", lambda _: {"frames": {"camera": 1}})
+
+
 def answer(saving: Any) -> Any:
     """Go on with a callback until it returns."""
     while True:
@@ -29,7 +34,8 @@ def answer(saving: Any) -> Any:
 def test_while_the_map_is_saved_other_callbacks_have_their_turn(tmp_path: Path) -> None:
     go_on, folders = threading.Event(), list[Path]()
 
-    def save(folder: Path) -> None:
+    def save(folder: Path, facts: object) -> None:
+        assert facts == {"frames": {"camera": 1}}
         assert go_on.wait(timeout=30)
         folders.append(folder)
 
@@ -49,7 +55,7 @@ def test_while_the_map_is_saved_other_callbacks_have_their_turn(tmp_path: Path) 
     [(OutputError("the disk is full"), "the disk is full"), (MemoryError(), "could not be saved")],
 )
 def test_what_went_wrong_is_answered(error: Exception, expected: str, tmp_path: Path) -> None:
-    def save(_: Path) -> None:
+    def save(*_: object) -> None:
         raise error
 
     said = answer(services._save(pipeline(save, tmp_path), None, SimpleNamespace()))

@@ -1,4 +1,4 @@
-"""An evaluation names what `map` and the node name, doubts of pose, mount and depth too, however it is split."""
+"""An evaluation names what `map` and the node name, doubts of pose and mount too, however it is split."""
 
 import json
 from collections.abc import Sequence
@@ -33,8 +33,6 @@ NAMED = {
 
 def recorded(name: str, folder: Path) -> list[Frame]:
     frames = FAULTS[name].frames(list(semantic_faults.drive()))
-    depths = [np.ascontiguousarray(f.depth) for f in frames]
-    frames = [replace(f, depth=depth) for f, depth in zip(frames, depths, strict=True)]
     write_folder(frames, folder)
     return frames
 

@@ -137,7 +137,7 @@ def test_the_page_stands_alone_and_escapes_what_it_is_told(flat_lawn: tuple[Fram
     assert html.replace("http://www.w3.org/2000/svg", "").count("http://") == 0
 
 
-@pytest.mark.parametrize("summary", [{"frames": {"front": 2, "rear": 3}, "left_out": {}}, {"frames": 0}])
+@pytest.mark.parametrize("summary", [{"frames": {"front": 2, "rear": 3}, "skipped": {}}, {"frames": 0}])
 def test_a_node_saves_a_page_of_what_it_knows(summary: dict[str, Any]) -> None:
     html = map_page(some_map(), None, Album(pictures=False), summary, "")
     assert "Map of this drive" in html

@@ -208,8 +208,8 @@ def _stop_at_fault(records: list[dict[str, Any]], config: Config) -> None:
     for record in records:
         if "error" in record:
             raise InputError(f"frame {record['index']}: {record['error']} (--strict stops here)")
-    for record, faults in refused_in_order(records, config.watchdog):
-        raise InputError(f"frame {record['index']}: {', '.join(faults)} (--strict stops here)")
+    for refused, faults in refused_in_order(records, config.watchdog):
+        raise InputError(f"frame {refused['index']}: {', '.join(faults)} (--strict stops here)")
 
 
 def _work(plan: Plan, part: Part, _: Tick) -> str:

@@ -16,6 +16,8 @@ from swardmap.ros.poses import LivePoses
 BASE_FRAME = "base_link"
 """What a configured mount is measured in, where there is no rig that names it."""
 
+TF_TOPICS = ("/tf", "/tf_static")
+
 
 class CameraPoses:
     """What is known of poses; asked at the stamps of images.
@@ -42,6 +44,7 @@ class CameraPoses:
         self.from_odometry = source == "odometry" or (source == "auto" and topic is not None)
         self.mounts = {name: mount if rig is None else rig.T_base_camera(name) for name in cameras}
         self.live, self._axes = LivePoses(config.source), config.source.camera_axes
+        self._topic = str(topic)
         self._base_frame = BASE_FRAME if rig is None else rig.base_frame
 
     def add_tf(self, message: Any, static: bool) -> None:
@@ -87,6 +90,21 @@ class CameraPoses:
         """Stamp of the newest pose of the frame that is worst off; None if there is none of any."""
         stamps = [stamp for frame in frames if (stamp := self.live.newest_ns(frame)) is not None]
         return None if not stamps else now_ns if min(stamps) == ALWAYS_NS else min(stamps)
+
+    def facts(self, frames: Collection[str]) -> dict[str, Any] | None:
+        """How the poses of cameras are found, by the names of summary.json; None where there are none.
+
+        Args:
+            frames: optical frames of the cameras.
+        """
+        if not self.posed:
+            return None
+        origin, topics = ("odometry", [self._topic]) if self.from_odometry else ("tf", TF_TOPICS)
+        each = [self.live.facts(frame, origin, topics) for frame in frames]
+        told: dict[str, Any] = {"from": origin, "topics": list(topics), "frames": "", "largest_gap_ms": {}}
+        for one in each:  # of one tree: what two ways share is the same in both
+            told = {**one, "largest_gap_ms": told["largest_gap_ms"] | one["largest_gap_ms"]}
+        return told | {"frames": "; ".join(str(one["frames"]) for one in each)}
 
     def newest_robot(self) -> tuple[int, Pose] | None:
         """The newest pose of the robot's base, by odometry or tf, and its stamp; None if it is not known."""

@@ -193,6 +193,11 @@ class Intake:
             self._looks_up = self.body_frame = one_line(error)
             return None
 
+    @property
+    def optical_frames(self) -> tuple[str, ...]:
+        """Frames of the cameras that images came of."""
+        return tuple(dict.fromkeys(self._optical.values()))
+
     def newest_pose_ns(self, now_ns: int) -> int | None:
         """Stamp of the newest pose of the active camera that is worst off; None if there is none of any."""
         frames = [self._optical[name] for name in self.active_names if name in self._optical]

@@ -7,6 +7,7 @@ from typing import Any
 from swardmap.config import SourceConfig
 from swardmap.errors import InputError
 from swardmap.geometry import Pose
+from swardmap.io.bags.pose_facts import pose_facts
 from swardmap.io.bags.ros_messages import stamp_ns, vectors
 from swardmap.io.bags.tf import TransformBuffer
 from swardmap.io.bags.tf_edge import ALWAYS_NS
@@ -101,6 +102,13 @@ class LivePoses:
             f"no pose of '{frame}' in '{self.map_frame}' at the time of the image; frames heard of: {heard} "
             "(source.map_frame names the map's)"
         )
+
+    def facts(self, frame: str, origin: str, topics: Sequence[str]) -> dict[str, Any]:
+        """How the poses of a frame are found, or why they cannot be; see `pose_facts`."""
+        try:
+            return pose_facts(self._buffer, (self.map_frame, frame), origin, topics, self._tolerance_ns)
+        except InputError as error:
+            return {"from": origin, "topics": list(topics), "frames": str(error), "largest_gap_ms": {}}
 
     def newest_ns(self, frame: str) -> int | None:
         """Newest time at which a lookup of a frame can succeed; None if never, ALWAYS_NS if nothing moves."""

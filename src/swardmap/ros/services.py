@@ -9,6 +9,7 @@ from typing import Any
 
 from swardmap.errors import SwardmapError
 from swardmap.ros.live_pipeline import LivePipeline
+from swardmap.ros.run_facts import run_facts
 
 TURN_S = 0.01
 """A callback that waits for a thread waits so long at once."""
@@ -67,7 +68,7 @@ class _Writer(threading.Thread):
     def __init__(self, pipeline: LivePipeline, folder: Path) -> None:
         super().__init__(daemon=True)
         self.error = "the map could not be saved"
-        self._save = partial(pipeline.mapper.save, folder)
+        self._save = partial(pipeline.mapper.save, folder, run_facts(pipeline))
 
     def run(self) -> None:
         try:

@@ -10,6 +10,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from swardmap.config import Config
 from swardmap.errors import InputError
@@ -181,10 +182,14 @@ class WatchedMapper:
             self._cleared = self._cleared if grid is None else grid.spec
             self._begin()
 
-    def save(self, folder: Path) -> None:
+    def save(self, folder: Path, facts: Mapping[str, Any] | None = None) -> None:
         """Write map, costmap, evidence and settings as `swardmap map` does into a new folder.
 
         Frames are mapped meanwhile: what is written is a copy of the map as it is now.
+
+        Args:
+            folder: to be made.
+            facts: what else summary.json says of the run; see `run_facts`.
 
         Raises:
             InputError: if there is no map yet.
@@ -198,11 +203,8 @@ class WatchedMapper:
             if grid is None or not self._newest_ns:
                 raise InputError("there is no map yet: no frame with a pose was mapped")
             log_odds = None if mapper.log_odds is None else mapper.log_odds.copy()
-            summary = {
-                "frames": dict(self.mapped),
-                "left_out": dict(self.left_out),
-                "stamp_ns": grid.stamp_ns,
-            }
+            known = {"frames": dict(self.mapped), "skipped": dict(self.left_out), "stamp_ns": grid.stamp_ns}
+            summary = known | dict(facts or {})
             config = replace(self.config, output=replace(self.config.output, pictures=0))
         with new_output_folder(folder, overwrite=False) as path:
             RunWriter(path, config).finish(grid, mapper.costmap(grid), summary, log_odds)

@@ -236,12 +236,9 @@ def _camera_frame(source: Mapping[str, Any]) -> str:
 def report_lines(summary: Mapping[str, Any]) -> list[str]:
     """What a person wants to know after a run, line by line."""
     lines = [f"{summary['frames']} frames mapped with '{summary['segmenter']}'"]
-    lines += _left_out(summary)
-    source, grid = summary["source"], summary["map"]
-    lines += pose_lines(source.get("poses"))
-    lines += pairing_lines(source.get("pairing"))
-    lines += pixel_lines(summary["pixels"])
-    ground = summary["ground"]
+    lines += _watched(summary["watchdog"])
+    lines += seen_lines(summary)
+    grid, ground = summary["map"], summary["ground"]
     if ground["frames_without"] or ground["frames_carried_over"]:
         lines.append(
             f"no ground of their own: {ground['frames_carried_over']} frames judged by an earlier one's, "
@@ -267,6 +264,22 @@ def report_lines(summary: Mapping[str, Any]) -> list[str]:
     lines += [f"note: {note}" for note in summary["notes"]]
     lines += [f"warning: {warning}" for warning in summary["warnings"]]
     return lines
+
+
+def seen_lines(summary: Mapping[str, Any]) -> list[str]:
+    """What came in: what was left out, poses, pairing, and where the pixels went if they are lost.
+
+    Args:
+        summary: `skipped`, `source` and `pixels` of a run, offline or in the node.
+    """
+    source = summary["source"]
+    firsts = {reason: of["first"] for reason, of in source.get("left_out", {}).items() if "first" in of}
+    return [
+        *left_out_lines(summary["skipped"], firsts),
+        *pose_lines(source.get("poses")),
+        *pairing_lines(source.get("pairing")),
+        *pixel_lines(summary["pixels"]),
+    ]
 
 
 def left_out_lines(skipped: Mapping[str, int], firsts: Mapping[str, str]) -> list[str]:
@@ -299,12 +312,9 @@ def pairing_lines(pairing: Any) -> list[str]:
     return [f"colour and depth are {apart}"]
 
 
-def _left_out(summary: Mapping[str, Any]) -> list[str]:
-    """What the source and the watchdog left out: how often, and the first of each kind in full."""
-    told = summary["source"].get("left_out", {})
-    firsts = {reason: of["first"] for reason, of in told.items() if "first" in of}
-    lines = left_out_lines(summary["skipped"], firsts)
-    watchdog = summary["watchdog"]
+def _watched(watchdog: Mapping[str, Any]) -> list[str]:
+    """What the watchdog left out and doubted: how often, and the first of each kind."""
+    lines = []
     if watchdog["refused"]:
         first = _firsts({k: v for k, v in watchdog["first"].items() if k not in MAPPED})
         lines.append(f"not mapped, as the node would not: {_refused(watchdog)} (first: {first})")

@@ -113,9 +113,7 @@ def cards(summary: Summary, grid: OccupancyGrid | None) -> list[tuple[str, str, 
 
 def left_out(summary: Summary) -> list[tuple[str, int]]:
     """Reason and number of the frames that are not in the map."""
-    found = {
-        str(k): int(n) for k, n in (summary.get("skipped") or summary.get("left_out") or {}).items() if n
-    }
+    found = {str(k): int(n) for k, n in (summary.get("skipped") or {}).items() if n}
     without = summary.get("frames_without_pose", 0)
     if without:
         found["no pose: mapped on its own, not in this map"] = int(without)

@@ -12,6 +12,7 @@ from typing import Any
 
 from swardmap.errors import InputError
 from swardmap.geometry import Pose
+from swardmap.io.bags.pose_facts import pose_facts
 from swardmap.io.bags.poses import PosePlan
 from swardmap.io.bags.reader import Bag
 from swardmap.io.bags.stamps import StampFilter
@@ -21,21 +22,6 @@ from swardmap.io.sources.source import Tally
 
 REASON_TRANSFORM = "transform that is none"
 REASON_STAMP = "transform whose time is far off from its neighbours'"
-
-
-@dataclass(slots=True)
-class _Span:
-    """What of one edge was read: times in ns, the largest gap between two, and how many."""
-
-    first_ns: int
-    last_ns: int
-    gap_ns: int = 0
-    count: int = 1
-
-    def add(self, stamp_ns: int) -> None:
-        self.gap_ns = max(self.gap_ns, stamp_ns - self.last_ns)
-        self.first_ns, self.last_ns = min(self.first_ns, stamp_ns), max(self.last_ns, stamp_ns)
-        self.count += 1
 
 
 @dataclass(slots=True)
@@ -58,7 +44,7 @@ class PoseStream:
     _static: set[str] = field(init=False)
     _fed: int = 0
     _ahead: Iterator[tuple[str, int, bytes]] | None = None
-    _spans: dict[str, _Span] = field(default_factory=dict)
+    _spans: dict[str, tuple[int, int]] = field(default_factory=dict)
     _filters: dict[str, StampFilter[Transform]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -107,23 +93,13 @@ class PoseStream:
     @property
     def spans(self) -> dict[str, tuple[int, int]]:
         """First and last time of each frame that moves, as far as was read."""
-        return {child: (span.first_ns, span.last_ns) for child, span in self._spans.items()}
+        return dict(self._spans)
 
     def facts(self) -> dict[str, Any]:
         """How the poses were found, for a person: frames, topics, largest gaps."""
-        way = self._way()
-        gaps = {f"{p} <- {c}": round(self._spans[c].gap_ns / 1e6, 1) for p, c, _ in way if c in self._spans}
-        return {
-            "from": self.plan.origin,
-            "topics": sorted(self.plan.topics),
-            "frames": " <- ".join([*(p for p, _, _ in reversed(way)), self.plan.camera_frame]),
-            "static": [f"{p} <- {c}" for p, c, moves in way if not moves],
-            "largest_gap_ms": gaps,
-            "tolerance_ms": self.tolerance_ns / 1e6,
-        }
-
-    def _way(self) -> list[tuple[str, str, bool]]:
-        return self._buffer.way(self.plan.map_frame, self.plan.camera_frame)
+        plan = self.plan
+        frames = plan.map_frame, plan.camera_frame
+        return pose_facts(self._buffer, frames, plan.origin, plan.topics, self.tolerance_ns)
 
     def encloses(self, stamp_ns: int) -> bool:
         """Whether the transforms so far reach beyond a time."""
@@ -164,8 +140,9 @@ class PoseStream:
     def _add(self, stamp_ns: int, item: Transform) -> None:
         before = self._buffer.refused
         if self._buffer.add(item.parent, item.child, stamp_ns, item.translation_m, item.quaternion_xyzw):
-            span = self._spans.setdefault(item.child.strip("/"), _Span(stamp_ns, stamp_ns, count=0))
-            span.add(stamp_ns)
+            child = item.child.strip("/")
+            first_ns, last_ns = self._spans.get(child, (stamp_ns, stamp_ns))
+            self._spans[child] = min(first_ns, stamp_ns), max(last_ns, stamp_ns)
         if self._buffer.refused > before:
             self.tally.skip(REASON_TRANSFORM, next(reversed(self._buffer.faults)))
         if item.child.strip("/") in self._static:

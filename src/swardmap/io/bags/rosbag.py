@@ -11,8 +11,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from statistics import median
-from typing import Any
 
 from swardmap.config import CloudConfig, Config, SourceConfig
 from swardmap.errors import InputError, InvalidValueError
@@ -24,7 +22,7 @@ from swardmap.io.bags.reader import Bag, open_bag
 from swardmap.io.bags.recorded_labels import LabelStore
 from swardmap.io.bags.stamps import StampFilter
 from swardmap.io.bags.storage import METADATA, is_storage
-from swardmap.io.sources.pairing import COLOR, DEPTH, Pair, Pairer
+from swardmap.io.sources.pairing import COLOR, DEPTH, Pair, Pairer, pairing_facts
 from swardmap.io.sources.source import Source, Tally
 from swardmap.types import Frame
 
@@ -137,7 +135,7 @@ class Recording:
         """The pairs chosen by start, stop and every, numbered, each as soon as its pose can be known."""
         config, waiting, index = self.config, deque[tuple[int, Pair[bytes]]](), 0
         offsets_ns = array("q")
-        tally.facts["pairing"] = partial(_pairing_facts, offsets_ns)
+        tally.facts["pairing"] = partial(pairing_facts, offsets_ns)
         for pair in self._pairs(bag, poses, labels, tally):
             if pair is not None:
                 if config.stop is not None and index >= config.stop:
@@ -201,11 +199,3 @@ class Recording:
                 tally.first.setdefault(REASON_STAMP, said)
             if stamps.unstamped:
                 tally.note(f"images of {topic} have no times: those of their recording are taken")
-
-
-def _pairing_facts(offsets_ns: "array[int]") -> dict[str, Any]:
-    """How far apart in time the images of a pair are."""
-    if not offsets_ns:
-        return {"pairs": 0}
-    middle, worst = median(offsets_ns) / 1e6, max(offsets_ns) / 1e6
-    return {"pairs": len(offsets_ns), "median_ms": round(middle, 3), "worst_ms": round(worst, 3)}

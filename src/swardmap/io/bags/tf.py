@@ -59,6 +59,8 @@ class TransformBuffer:
         sample = sample_of(stamp_ns, translation_m, quaternion_xyzw)
         edge.compare(sample)
         if not edge.samples or stamp_ns > edge.samples[-1][0]:
+            if edge.samples:
+                edge.widest_ns = max(edge.widest_ns, stamp_ns - edge.samples[-1][0])
             edge.samples.append(sample)
             return True
         self.late += stamp_ns < edge.samples[-1][0]
@@ -123,6 +125,11 @@ class TransformBuffer:
         up, down = self._ways(_name(parent), _name(child))
         names = [*(up or []), *reversed(down or [])] if up is not None and down is not None else []
         return [(self._up(name).parent, name, not self._up(name).is_static) for name in names]
+
+    def gaps_ns(self, parent: str, child: str) -> dict[str, int]:
+        """Longest time between two transforms of each edge between two frames that moves, by its frames."""
+        way = [(p, c, self._up(c)) for p, c, _ in self.way(parent, child)]
+        return {f"{p} <- {c}": edge.widest_ns for p, c, edge in way if edge.samples}
 
     def conflicts(self, parent: str, child: str) -> list[tuple[str, str]]:
         """Edges between two frames that came as static and as moving, and differ."""

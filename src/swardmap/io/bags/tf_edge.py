@@ -26,6 +26,8 @@ class Edge:
     static: Sample | None = None
     samples: list[Sample] = field(default_factory=list)
     moves: bool = False
+    widest_ns: int = 0
+    """Longest time between two samples that came in order, of those forgotten too."""
 
     @property
     def is_static(self) -> bool:

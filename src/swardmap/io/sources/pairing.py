@@ -1,9 +1,10 @@
 """Which depth image belongs to which colour image: by time, in one pass, with bounded memory."""
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from statistics import median
+from typing import Any, Generic, TypeVar
 
 Item = TypeVar("Item")
 
@@ -150,3 +151,11 @@ class Pairer(Generic[Item]):
         )
         said = f"the {image.kind} image of {image.stamp_ns / 1e9:.3f} s: {where} (source.pair_tolerance_ms)"
         self.first.setdefault(reason, said)
+
+
+def pairing_facts(offsets_ns: Sequence[int]) -> dict[str, Any]:
+    """How far apart in time the images of pairs are, for summary.json."""
+    if not offsets_ns:
+        return {"pairs": 0}
+    middle, worst = median(offsets_ns) / 1e6, max(offsets_ns) / 1e6
+    return {"pairs": len(offsets_ns), "median_ms": round(middle, 3), "worst_ms": round(worst, 3)}
