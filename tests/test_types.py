@@ -81,7 +81,9 @@ def test_what_is_not_sure_is_void_and_never_grass() -> None:
     confidence = np.array([[0.9, 0.5, 0.4, np.nan]], np.float32)
     mask = Segmentation(np.ones((1, 4), np.uint8), GRASS_OBSTACLE_PERSON, confidence)
     assert mask.confident(0.5).labels.tolist() == [[1, 1, VOID_ID, VOID_ID]]
-    assert mask.confident(0.0) is mask
+    assert mask.confident(0.0).labels.tolist() == [[1, 1, 1, VOID_ID]]
+    known = replace(mask, confidence=np.array([[0.9, 0.5, 0.4, 0.0]], np.float32))
+    assert known.confident(0.0) is known
     assert replace(mask, confidence=None).confident(0.9).labels.tolist() == [[1, 1, 1, 1]]
 
 
@@ -95,6 +97,16 @@ def test_of_an_unfamiliar_image_no_grass_is_sure_and_every_obstacle_stays() -> N
     assert mask.confident(0.0, None) is mask
     assert replace(mask, unfamiliar=None).confident(0.0, 0.0).labels.tolist() == [[1, 0, 2]]
     assert replace(mask, unfamiliar=np.inf).is_unfamiliar(1e9)
+
+
+def test_grass_whose_confidence_is_no_number_is_never_sure_whatever_is_asked() -> None:
+    confidence = np.array([[np.nan, 0.0, np.nan]], np.float32)
+    mask = Segmentation(np.array([[1, 1, 0]], np.uint8), GRASS_OBSTACLE_PERSON, confidence)
+    for threshold in (0.0, -1.0, 1e-9):
+        assert mask.confident(threshold).labels[0, 0] == VOID_ID, threshold
+        assert mask.confident(threshold).labels[0, 2] == 0, "doubt never takes an obstacle away"
+    assert mask.confident(0.0).labels[0, 1] == 1
+    assert replace(mask, confidence=np.zeros((1, 3), np.float32)).unsure(0.0) is None
 
 
 def test_masks_and_clouds_are_checked() -> None:

@@ -158,6 +158,19 @@ class Intrinsics:
             raise InvalidValueError(f"camera matrix: expected 3x3 or 3x4, got shape {k.shape}")
         return cls(width, height, float(k[0, 0]), float(k[1, 1]), float(k[0, 2]), float(k[1, 2]))
 
+    def centered(self, advice: str = "these intrinsics are of another image size") -> "Intrinsics":
+        """The same, held to look through its own image; numbers of another size do not.
+
+        Raises:
+            InvalidValueError: if the principal point lies outside the image; `advice` says what to do.
+        """
+        if not (0 <= self.cx < self.width and 0 <= self.cy < self.height):
+            raise InvalidValueError(
+                f"expected a principal point inside the image of {self.width} x {self.height} pixels, "
+                f"got {self.cx:g}, {self.cy:g}: {advice}"
+            )
+        return self
+
     @property
     def matrix(self) -> Float64Array:
         """K, (3, 3) float64."""

@@ -141,14 +141,19 @@ class Segmentation:
         Of an image that is unfamiliar by `limit` all grass is. Doubt never takes away what is called obstacle
         or person.
         """
-        strange = self.is_unfamiliar(limit)
-        if not strange and (self.confidence is None or threshold <= 0):
+        if not self.may_be_unsure(threshold, limit):
             return None
         grass = self.map_classes == MapClass.GRASS
-        if strange or self.confidence is None:
+        if self.confidence is None or self.is_unfamiliar(limit):
             return np.asarray(grass)
         sure = self.confidence >= np.float32(threshold)  # NaN compares false: not sure
         return np.asarray(grass & ~sure)
+
+    def may_be_unsure(self, threshold: float, limit: float | None = None) -> bool:
+        """Whether `unsure` has to look at the pixels; a confidence that is no number is never sure."""
+        if self.is_unfamiliar(limit):
+            return True
+        return self.confidence is not None and (threshold > 0 or bool(np.isnan(self.confidence).any()))
 
     def confident(self, threshold: float, limit: float | None = None) -> "Segmentation":
         """The same masks with every pixel of grass that is `unsure` set to void: not seen, never free."""

@@ -554,3 +554,10 @@ def test_while_the_page_of_a_saved_map_is_built_frames_are_mapped(
     with np.load(tmp_path / "before.npz") as old, np.load(tmp_path / "saved/living.npz") as saved:
         for name in ("keys", "evidence", "person", "classes"):
             np.testing.assert_array_equal(saved[name], old[name])
+
+
+def test_a_node_without_geometry_is_told_what_that_means() -> None:
+    (severity, text), *_ = one_robot({"geometry": {"enabled": False}}).pipeline.events
+    assert severity == Severity.WARN
+    assert "grass is free however high it stands" in text
+    assert not one_robot().pipeline.events

@@ -63,6 +63,11 @@ def test_what_makes_a_map_poor_is_said_in_one_line(sections: dict[str, dict[str,
     assert all(len(line) <= 300 for line in lines)
 
 
+def test_a_run_without_geometry_is_told_what_that_means() -> None:
+    (warning,) = summary(Drive(), geometry={"enabled": False})["warnings"]
+    assert "what the network calls grass is free however high it stands, up to 2 m" in warning
+
+
 @pytest.mark.parametrize(
     ("frame", "warned"), [("base_link", True), ("camera_link", True), ("camera_color_optical_frame", False)]
 )

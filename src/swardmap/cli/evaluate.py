@@ -163,6 +163,7 @@ def _written(
     out: Path, margin_options: dict[str, Any], cost: tuple[Path | None, Path | None, float]
 ) -> dict[str, Any]:
     """Everything that follows from the records of a run, into its files."""
+    from swardmap.config import config_to_dict
     from swardmap.eval.cost import margin_cost
     from swardmap.eval.gathered import gather, recordings_section
     from swardmap.eval.look_again import worst_things
@@ -174,6 +175,7 @@ def _written(
     from swardmap.io.door import reading
     from swardmap.runs.frame_check import doubt_warnings
     from swardmap.runs.record_looks import watchdog_of
+    from swardmap.runs.summary import flat_warnings
 
     run = gather(out)
     margin = MarginOptions(**(written_margin_options(out) | margin_options))
@@ -181,7 +183,8 @@ def _written(
         found = results(run.plan, run.records, margin, command="swardmap " + shlex.join(sys.argv[1:]))
         watchdog = watchdog_of(run.records, run.plan.config.watchdog)
     found["recordings"], found["unfinished"] = recordings_section(run), list(run.unfinished)
-    found["faults"], found["warnings"] = watchdog["faults"], doubt_warnings(watchdog)
+    flat = flat_warnings(config_to_dict(run.plan.config))
+    found["faults"], found["warnings"] = watchdog["faults"], [*flat, *doubt_warnings(watchdog)]
     found["cost"] = margin_cost(found, *cost)
     again = worst_frames(run, found)
     found["worst_things"] = worst_things(again, run.plan.margin_m)

@@ -12,6 +12,8 @@ from swardmap.errors import InputError, OutputError, one_line, shortened
 from swardmap.io.staging import lock, name_beside
 
 MAX_BYTES = 2**31
+MORE_BYTES = 2**24
+"""Read at once of a file that does not tell its size, or that grows."""
 """Of a file that is read as a whole, where its reader knows no smaller limit."""
 LFS_POINTER = b"version https://git-lfs.github.com/spec/"
 
@@ -153,7 +155,9 @@ def read_bytes(path: str | Path, limit: int = MAX_BYTES) -> bytes:
         if about.st_size > limit:
             raise InputError(f"{path}: expected at most {limit} bytes, got {about.st_size}")
         with Path(path).open("rb") as file:
-            content = file.read(limit + 1)
+            content = file.read(about.st_size + 1)  # what is asked for is allocated, be it there or not
+            while len(content) <= limit and (more := file.read(MORE_BYTES)):
+                content += more
     except (OSError, ValueError) as error:  # ValueError: a null byte in the name
         reason = getattr(error, "strerror", None) or one_line(error)
         raise InputError(

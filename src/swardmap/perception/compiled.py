@@ -135,8 +135,7 @@ def _mask(
 
     Without doubts about grass the ids say all: no array of the mask's size is made.
     """
-    doubts = segmentation.confidence is not None and config.segmenter.min_confidence > 0
-    if doubts or segmentation.is_unfamiliar(config.watchdog.unfamiliar):
+    if segmentation.may_be_unsure(config.segmenter.min_confidence, config.watchdog.unfamiliar):
         return (
             mask_codes(segmentation, config),
             np.arange(256, dtype=np.int32),

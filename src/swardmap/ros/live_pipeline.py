@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 
-from swardmap.config import Config
+from swardmap.config import Config, config_to_dict
 from swardmap.errors import InputError, SwardmapError
 from swardmap.geometry import Pose
 from swardmap.grid import OccupancyGrid
@@ -26,7 +26,7 @@ from swardmap.ros.intake import Intake
 from swardmap.ros.load import Load
 from swardmap.ros.parameters import Parameters
 from swardmap.ros.watched_mapper import WatchedMapper
-from swardmap.runs.summary import pixel_warnings
+from swardmap.runs.summary import flat_warnings, pixel_warnings
 from swardmap.segmenter import Segmenter
 
 JUDGED_FRAMES = 5
@@ -72,6 +72,7 @@ class LivePipeline:
         self.report: HealthReport | None = None
         self.robot: tuple[int, Pose] | None = None
         self.events: deque[tuple[Severity, str]] = deque(maxlen=EVENTS)
+        self.events += [(Severity.WARN, text) for text in flat_warnings(config_to_dict(config))]
         self.given = GivenMap(lambda *event: self.events.append(event))
         self._pixels: deque[PixelCounts] = deque(maxlen=JUDGED_FRAMES)
         self.pixels: PixelCounts | None = None

@@ -158,6 +158,7 @@ def warnings_of(summary: Mapping[str, Any]) -> list[str]:
     """One line for each thing that makes a map poor without being an error."""
     found = pixel_warnings(summary["pixels"])
     found += _thinned(summary["config"])
+    found += flat_warnings(summary["config"])
     refused = summary["watchdog"]["refused"]
     if refused > MOST * (refused + summary["frames"]):
         found.append(
@@ -193,6 +194,22 @@ def warnings_of(summary: Mapping[str, Any]) -> list[str]:
     if "flipped" in summary["watchdog"]["faults"]:
         found.append("images fit the ground only upside down: turn the camera, or correct its pose")
     return found
+
+
+def flat_warnings(config: Mapping[str, Any]) -> list[str]:
+    """That nothing but the network tells lawn from what stands on it.
+
+    Args:
+        config: all settings, as plain data.
+    """
+    if config["geometry"]["enabled"]:
+        return []
+    high_m = config["cloud"]["max_height_m"]
+    text = (
+        "geometry.enabled is false: what the network calls grass is free however high it stands, "
+        f"up to {high_m:g} m (cloud.max_height_m)"
+    )
+    return [text]
 
 
 def _thinned(config: Mapping[str, Any]) -> list[str]:

@@ -13,6 +13,7 @@ from swardmap.config import SourceConfig
 from swardmap.errors import InputError
 from swardmap.geometry import Intrinsics, Pose
 from swardmap.io.bags import ros_fields as rf
+from swardmap.io.bags.encodings import to_rgb
 from swardmap.io.bags.rosbag import REASON_DAMAGED, open_source
 from swardmap.perception.align import align_depth_to_color
 from swardmap.perception.cloud import consistent_depth
@@ -395,6 +396,41 @@ def test_colours_of_every_encoding(tmp_path: Path, encoding: str) -> None:
     np.testing.assert_allclose(frame.rgb[around == 0].astype(int), truth[around == 0], atol=3)
     # as in the control, but for cells two away from the edge, which clear with their neighbours
     assert abs(check_box(path).grass - 2774) <= 4
+
+
+def rgb_of(y: NDArray[np.float64], u: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
+    """RGB by the inverse of ITU-R BT.601."""
+    y, u, v = 255 / 219 * (y - 16), (u - 128) / 224, (v - 128) / 224
+    green = (0.299 * 1.402 * v + 0.114 * 1.772 * u) / 0.587
+    return np.clip(np.stack([y + 255 * 1.402 * v, y - 255 * green, y + 255 * 1.772 * u], -1), 0, 255)
+
+
+@pytest.mark.parametrize("order", ["uyvy", "yuyv"])
+@pytest.mark.parametrize("size", [(1, 2), (3, 6), (5, 16), (120, 162)])
+def test_at_edges_a_pair_of_pixels_has_one_colour_and_its_own_brightness(
+    order: str, size: tuple[int, int]
+) -> None:
+    """Whatever is beside it, and in the first and last column too: nothing is smoothed across pairs."""
+    stored = np.random.default_rng(3).integers(16, 236, (*size, 2), np.uint8)
+    light, color = (0, 1) if order == "yuyv" else (1, 0)
+    u, v = (np.repeat(stored[:, first::2, color], 2, axis=1).astype(float) for first in (0, 1))
+    expected = rgb_of(stored[..., light].astype(float), u, v)
+    np.testing.assert_allclose(to_rgb(order, stored).astype(float), expected, atol=1.5)
+
+
+@pytest.mark.parametrize("order", ["nv12", "nv21"])
+@pytest.mark.parametrize("size", [(2, 2), (6, 10), (120, 162)])
+def test_at_edges_four_pixels_have_one_colour_and_their_own_brightness(
+    order: str, size: tuple[int, int]
+) -> None:
+    rows, columns = size
+    stored = np.random.default_rng(4).integers(16, 236, (rows * 3 // 2, columns), np.uint8)
+    coarse = stored[rows:].reshape(rows // 2, columns // 2, 2).astype(float)
+    u, v = (
+        coarse[..., i].repeat(2, axis=0).repeat(2, axis=1) for i in ((0, 1) if order == "nv12" else (1, 0))
+    )
+    expected = rgb_of(stored[:rows].astype(float), u, v)
+    np.testing.assert_allclose(to_rgb(order, stored).astype(float), expected, atol=1.5)
 
 
 def test_rows_of_colour_may_be_counted_or_not(tmp_path: Path) -> None:

@@ -148,3 +148,15 @@ def test_random_bytes_are_one_error_or_frames(tmp_path: Path, file: str, content
     with suppress(SwardmapError):
         for frame in open_source(folder):
             assert frame.depth.shape == (frame.intrinsics.height, frame.intrinsics.width)
+
+
+@pytest.mark.parametrize(("axis", "value"), [("cx", 12.0), ("cx", -0.1), ("cy", 9.0), ("cy", -3.0)])
+def test_a_camera_of_another_image_size_is_refused(tmp_path: Path, axis: str, value: float) -> None:
+    write_folder(frames(), tmp_path / "rec")
+    file = tmp_path / "rec/camera.yaml"
+    lines = [
+        f"{axis}: {value}" if line.startswith(f"{axis}:") else line for line in file.read_text().split("\n")
+    ]
+    file.write_text("\n".join(lines))
+    with pytest.raises(InputError, match=r"principal point inside the image of 12 x 9 pixels.*of this size"):
+        open_source(tmp_path / "rec")

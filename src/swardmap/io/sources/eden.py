@@ -106,7 +106,7 @@ class Eden:
         if "K_L" not in arrays or arrays["K_L"].shape != (3, 3):
             raise InputError(f"{file}: expected a 3 x 3 matrix K_L, got {_shape(arrays.get('K_L'))}")
         try:
-            intrinsics = Intrinsics.from_matrix(arrays["K_L"], width, height)
+            intrinsics = Intrinsics.from_matrix(arrays["K_L"], width, height).centered()
             if self.poses and "RT_L" in arrays:
                 return intrinsics, _pose(arrays["RT_L"], file)
         except InvalidValueError as error:

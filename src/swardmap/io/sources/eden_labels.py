@@ -98,4 +98,4 @@ def _camera(tree: Any) -> Intrinsics | None:
     if not isinstance(tree, Mapping) or set(tree) != set(CAMERA_KEYS):
         raise ValueError(f"camera: expected {', '.join(CAMERA_KEYS)}, got {tree!r}")
     size = [int(tree[key]) for key in CAMERA_KEYS[:2]]
-    return Intrinsics(*size, *(float(tree[key]) for key in CAMERA_KEYS[2:]))
+    return Intrinsics(*size, *(float(tree[key]) for key in CAMERA_KEYS[2:])).centered()

@@ -28,6 +28,7 @@ from swardmap.io.folders import new_output_folder
 from swardmap.io.images import DEPTH_SUFFIXES, encode_png, read_color, read_depth, read_mask
 from swardmap.io.sources.source import Source, Tally
 from swardmap.io.sources.truth import read_truth
+from swardmap.io.text_lines import numbered_lines
 from swardmap.labels import GRASS_OBSTACLE_PERSON, LabelClass, LabelSet
 from swardmap.types import Frame
 
@@ -238,7 +239,8 @@ def _read_camera(file: Path, depth_unit_m: float | None) -> FolderCamera:
         raise InputError(f"{file}: expected keys width, height, fx, fy, cx, cy; got {type(tree).__name__}")
     with reading(file, "a camera"):
         size = [int(tree[key]) for key in ("width", "height")]
-        intrinsics = Intrinsics(*size, *(float(tree[key]) for key in ("fx", "fy", "cx", "cy")))
+        focal = (float(tree[key]) for key in ("fx", "fy", "cx", "cy"))
+        intrinsics = Intrinsics(*size, *focal).centered("write those of images of this size")
         unit = float(tree.get("depth_unit_m", 0.001)) if depth_unit_m is None else depth_unit_m
         classes = tuple(
             LabelClass(int(c["id"]), str(c["name"]), c["role"], tuple(int(v) for v in c["color"]))  # type: ignore[arg-type]
@@ -250,21 +252,19 @@ def _read_camera(file: Path, depth_unit_m: float | None) -> FolderCamera:
 
 
 def _read_poses(file: Path) -> list[FolderEntry]:
-    entries: dict[str, FolderEntry] = {}
-    for number, line in enumerate(read_bytes(file, 2**30).decode("utf-8", "replace").splitlines(), 1):
-        words = line.split("#")[0].split()
-        if not words:
-            continue
+    entries: list[FolderEntry] = []
+    names = set[str]()
+    for number, words in numbered_lines(file):
         try:
             entry = _entry(words)
         except (ValueError, OverflowError) as error:
             raise InputError(f"{file}, line {number}: {error}") from error
-        last = next(reversed(entries.values()), None)
-        if entry.name in entries or (last is not None and entry.stamp_ns < last.stamp_ns):
-            what = "the same name twice" if entry.name in entries else "a clock that goes back"
+        if entry.name in names or (entries and entry.stamp_ns < entries[-1].stamp_ns):
+            what = "the same name twice" if entry.name in names else "a clock that goes back"
             raise InputError(f"{file}, line {number}: expected frames in order of time, got {what}")
-        entries[entry.name] = entry
-    return list(entries.values())
+        entries.append(entry)
+        names.add(entry.name)
+    return entries
 
 
 def _entry(words: list[str]) -> FolderEntry:

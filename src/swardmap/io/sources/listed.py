@@ -22,6 +22,9 @@ Pair = tuple[NDArray[np.uint8], DepthImage]
 """Colour (H, W, 3) and depth (H, W)."""
 
 
+ADVICE = "set source.intrinsics=[fx,fy,cx,cy] of this image size"
+
+
 @dataclass(frozen=True, slots=True)
 class Listed:
     """One frame by its files.
@@ -94,12 +97,7 @@ def _frames(
 def _frame(entry: Listed, rgb: NDArray[np.uint8], depth: DepthImage, focal: Focal, unit_m: float) -> Frame:
     height, width = depth.shape
     try:
-        camera = Intrinsics(width, height, *focal)
-        if not (0 <= camera.cx < width and 0 <= camera.cy < height):
-            raise InvalidValueError(
-                f"expected a principal point inside the image of {width} x {height} pixels, got "
-                f"{camera.cx:g}, {camera.cy:g}: set source.intrinsics=[fx,fy,cx,cy] of this image size"
-            )
+        camera = Intrinsics(width, height, *focal).centered(ADVICE)
         # floats are metres
         unit = unit_m if depth.dtype == np.uint16 else 1.0
         return Frame(entry.stamp_ns, camera, rgb, depth, unit, entry.T_map_camera, name=entry.name)

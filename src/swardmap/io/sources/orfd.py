@@ -120,15 +120,9 @@ def parse_calibration(content: bytes, name: str, width: int, height: int) -> Int
     if not np.array_equal(K, [[K[0, 0], 0, K[0, 2]], [0, K[1, 1], K[1, 2]], [0, 0, 1]], equal_nan=True):
         raise InputError(f"{name}: expected cam_K: fx 0 cx 0 fy cy 0 0 1, got {K.ravel().tolist()}")
     try:
-        camera = Intrinsics.from_matrix(K, width, height)
+        return Intrinsics.from_matrix(K, width, height).centered()
     except InvalidValueError as error:
         raise InputError(f"{name}: {error}") from error
-    if not (0 <= camera.cx < width and 0 <= camera.cy < height):
-        raise InputError(
-            f"{name}: expected a principal point inside the image of {width} x {height} pixels, "
-            f"got {camera.cx:g}, {camera.cy:g}"
-        )
-    return camera
 
 
 def _one_of(path: Path, names: tuple[str, ...]) -> Path | None:

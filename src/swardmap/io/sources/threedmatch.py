@@ -223,15 +223,9 @@ def _matrix(content: bytes, size: int, name: str) -> Float64Array:
 
 def _camera(K: Float64Array, width: int, height: int, file: Path) -> Intrinsics:
     try:
-        camera = Intrinsics.from_matrix(K, width, height)
+        return Intrinsics.from_matrix(K, width, height).centered()
     except InvalidValueError as error:
         raise InputError(f"{file}: {error}") from error
-    if not (0 <= camera.cx < width and 0 <= camera.cy < height):
-        raise InputError(
-            f"{file}: expected a principal point inside the image of {width} x {height} pixels, "
-            f"got {camera.cx:g}, {camera.cy:g}; these intrinsics are of another image size"
-        )
-    return camera
 
 
 def _color_file(folder: Path, name: str) -> Path:

@@ -10,9 +10,8 @@ import numpy as np
 
 from swardmap.errors import InputError, InvalidValueError
 from swardmap.geometry import Pose, interpolate_pose
-from swardmap.io.files import read_bytes
+from swardmap.io.text_lines import numbered_lines
 
-MAX_BYTES = 500_000_000
 TUM, QUATERNIONS, MATRICES = 8, 7, 12
 """Numbers a line: stamp and pose; a pose; the upper rows of its matrix, row by row."""
 
@@ -52,7 +51,7 @@ def read_trajectory(file: Path, parent: str = "map") -> Trajectory:
     stamps: list[int] = []
     poses: list[Pose] = []
     columns = 0
-    for number, words in numbered_lines(file):
+    for number, words in numbered_lines(file, commas=True):
         columns = columns or len(words)
         if columns not in (TUM, QUATERNIONS, MATRICES) or len(words) != columns:
             raise InputError(
@@ -71,13 +70,6 @@ def read_trajectory(file: Path, parent: str = "map") -> Trajectory:
     if not poses:
         raise InputError(f"{file}: expected at least one pose, found none")
     return Trajectory(stamps if columns == TUM else None, poses)
-
-
-def numbered_lines(file: Path) -> list[tuple[int, list[str]]]:
-    """Number and words of each line that says something; `#` begins a comment, commas part words too."""
-    text = read_bytes(file, MAX_BYTES).decode("utf-8", "replace")
-    lines = ((i, line.split("#")[0].replace(",", " ").split()) for i, line in enumerate(text.splitlines(), 1))
-    return [(number, words) for number, words in lines if words]
 
 
 def seconds_to_ns(word: str) -> int:

@@ -19,7 +19,8 @@ from swardmap.io.files import inside
 from swardmap.io.sources.listed import Listed, listed_source
 from swardmap.io.sources.pairing import COLOR, DEPTH, Pair, Pairer
 from swardmap.io.sources.source import Source
-from swardmap.io.sources.trajectory import Trajectory, numbered_lines, read_trajectory, seconds_to_ns
+from swardmap.io.sources.trajectory import Trajectory, read_trajectory, seconds_to_ns
+from swardmap.io.text_lines import numbered_lines
 
 COLOR_LIST, DEPTH_LIST, POSES_FILE = "rgb.txt", "depth.txt", "groundtruth.txt"
 ASSOCIATIONS = ("associations.txt", "associate.txt", "associated.txt")
@@ -67,7 +68,7 @@ def _pairs(path: Path, config: SourceConfig) -> Iterator[tuple[Stamped, Stamped]
     """Colour and depth by the file that says so, else neighbours in time."""
     file = _associations(path)
     if file is not None:
-        for number, words in numbered_lines(file):
+        for number, words in numbered_lines(file, commas=True):
             if len(words) != 4:
                 raise InputError(
                     f"{file}, line {number}: expected 'time colour time depth', got {len(words)} words"
@@ -88,7 +89,7 @@ def _pairs(path: Path, config: SourceConfig) -> Iterator[tuple[Stamped, Stamped]
 def _list(path: Path, name: str) -> list[Stamped]:
     file = path / name
     images = []
-    for number, words in numbered_lines(file):
+    for number, words in numbered_lines(file, commas=True):
         if len(words) != 2:
             raise InputError(f"{file}, line {number}: expected 'time file', got {len(words)} words")
         images.append(_stamped(path, words, file, number))
