@@ -344,6 +344,25 @@ def test_a_start_area_is_granted_by_the_service(bag: Path, tmp_path: Path) -> No
         assert "pose" in early[1]
 
 
+def test_a_drive_is_recorded_by_the_service(bag: Path, tmp_path: Path) -> None:
+    with running(tmp_path, SETTINGS, RELIABLY) as robot:
+        (begun,) = robot.ask(["call", "teach_record", True])
+        assert begun[0]
+        robot.play(bag)
+        (ended,) = robot.ask(["call", "teach_record", False])
+    assert ended[0]
+    assert "swardmap teach" in ended[1]
+    (folder,) = (tmp_path / "swardmap_maps").iterdir()
+    recorded, played = list(open_source(folder)), {f.stamp_ns: f for f in open_source(bag)}
+    assert len(recorded) > 3
+    for frame in recorded:
+        truth = played[frame.stamp_ns]
+        np.testing.assert_array_equal(frame.rgb, truth.rgb)
+        assert frame.T_map_camera is not None
+        assert truth.T_map_camera is not None
+        np.testing.assert_allclose(frame.T_map_camera.matrix, truth.T_map_camera.matrix, atol=1e-6)
+
+
 def test_parameters_services_and_states(bag: Path, tmp_path: Path) -> None:
     with running(tmp_path, SETTINGS, RELIABLY) as robot:
         robot.play(bag, "--count", "3")

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from swardmap.labels import GRASS, OTHER, PERSON, MapClass
-from swardmap.teach.gate import DANGEROUS, USEFUL, Counts, count_frame, count_held, judge, table
+from swardmap.labels import GRASS, OTHER, PERSON
+from swardmap.teach.gate import DANGEROUS, USEFUL, Counts, Said, count_frame, count_held, judge, table
 from swardmap.teach.safety import REPLAY, SafetyFrame, safety_frames
 
 PERSON_ID, BALL_ID, PATH_ID = 3, 4, 60_004
@@ -24,26 +24,30 @@ def frame_of(garden: str) -> SafetyFrame:
     return SafetyFrame(garden, np.zeros((40, 60, 3), np.uint8), labels, instances, things)
 
 
-def says(frame: SafetyFrame) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
-    """The truth as classes of a map."""
-    table = np.zeros(256, np.uint8)
-    table[[GRASS.id, OTHER.id, PERSON.id]] = MapClass.GRASS, MapClass.OBSTACLE, MapClass.PERSON
-    return table[frame.labels]
+def says(frame: SafetyFrame, blind_to: tuple[int, ...] = (), unsure_of: tuple[int, ...] = ()) -> Said:
+    """The truth, but for things that are called grass, and things of which that is not sure."""
+    grass = (frame.labels == GRASS.id) | np.isin(frame.instances, blind_to)
+    return Said(grass, grass & ~np.isin(frame.instances, unsure_of))
 
 
-def counts_of(blind_to: tuple[int, ...] = (), gardens: int = 8, driven_missed: int = 0) -> Counts:
+def counts_of(
+    blind_to: tuple[int, ...] = (),
+    unsure_of: tuple[int, ...] = (),
+    gardens: int = 8,
+    driven_missed: int = 0,
+    driven_unsure: int = 0,
+) -> Counts:
     counts = Counts()
     for k in range(gardens):
         frame = frame_of(str(k))
-        classes = says(frame)
-        for key in blind_to:
-            classes[frame.instances == key] = MapClass.GRASS
-        count_frame(counts, frame, classes)
+        count_frame(counts, frame, says(frame, blind_to, unsure_of))
         held = np.full((10, 10), GRASS.id, np.uint8)
         held[0] = OTHER.id
-        seen = np.where(held == GRASS.id, MapClass.GRASS, MapClass.OBSTACLE).astype(np.uint8)
-        seen[1 : 1 + driven_missed] = MapClass.OBSTACLE
-        count_held(counts, str(k), held, seen)
+        grass = held == GRASS.id
+        grass[1 : 1 + driven_missed] = False
+        clears = grass.copy()
+        clears[1 : 1 + driven_unsure] = False
+        count_held(counts, str(k), held, Said(grass, clears))
     return counts
 
 
@@ -65,6 +69,15 @@ def test_whoever_overlooks_more_is_refused(key: int, figure: str) -> None:
     assert judge(counts_of((key,)), counts_of()).passes  # the other way round it is better
 
 
+def test_who_is_surer_of_what_is_no_grass_is_refused() -> None:
+    """A map is cleared by what is sure, so the most probable class alone does not say what is dangerous."""
+    for key, what in ((PERSON_ID, "person"), (BALL_ID, "obstacle"), (PATH_ID, "paths and beds")):
+        unsure, sure = counts_of((key,), (key,)), counts_of((key,))
+        assert judge(sure, unsure).passes
+        reasons = judge(unsure, sure).reasons
+        assert any(what in reason and "surely grass" in reason for reason in reasons)
+
+
 def test_a_rise_in_every_garden_is_refused_within_the_interval_too() -> None:
     old, new = Counts(), Counts()
     for k in range(10):
@@ -76,8 +89,11 @@ def test_a_rise_in_every_garden_is_refused_within_the_interval_too() -> None:
 
 
 def test_a_network_that_knows_less_of_the_lawn_is_refused() -> None:
+    less = "of the driven ground than before: 100.0% before, 77.8% now"
     verdict = judge(counts_of(), counts_of(driven_missed=2))
-    assert verdict.reasons == ("it knows less of the driven ground than before: 100.0% before, 77.8% now",)
+    assert verdict.reasons == (f"it knows less {less}", f"it is sure of less {less}")
+    verdict = judge(counts_of(), counts_of(driven_unsure=2))
+    assert verdict.reasons == (f"it is sure of less {less}",)
 
 
 def test_small_parts_and_grassy_things_do_not_count() -> None:

@@ -137,6 +137,18 @@ def test_a_pose_that_is_wrong_for_a_while_is_left_out(
     assert (truth[sure == GRASS.id] == GRASS.id).all()
 
 
+@pytest.mark.parametrize("off_m", [(0.0, 0.5), (1.0, -2.0)])
+def test_ten_seconds_of_a_wrong_pose_are_left_out(off_m: tuple[float, float]) -> None:
+    """Of a slow drive of 40 s, as a localisation that was lost for a while gives it."""
+    frames = list(lane(n=100, step_m=0.1))
+    wrong = [moved(p, *off_m) if 40 <= i < 66 else p for i, p in enumerate(poses_of(frames))]
+    drive = drive_of(with_poses(frames, wrong))
+    assert drive.left_out == {"the pose jumped": [(16.0, 26.0)]}
+    sure, _, truth = labels_of(with_poses(frames, wrong), drive)
+    assert (sure == GRASS.id).any()
+    assert (truth[sure == GRASS.id] == GRASS.id).all()
+
+
 def test_a_drive_that_contradicts_itself_is_refused(frames: list[Frame]) -> None:
     wrong = [moved(p, 0, 0.9 * (i // 5 % 2)) for i, p in enumerate(poses_of(frames))]
     with pytest.raises(InputError, match=r"contradicts the rest .* --leave-out"):

@@ -2,12 +2,13 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import pytest
 import torch
 from torch.nn import functional as F  # noqa: N812 - torch's own name for it
 
 from swardmap.train.data import make_codes
 from swardmap.train.loss import set_loss
-from swardmap.train.photos import OBSTACLE_CODE, PARTIAL_CODE, PSEUDO_CODE
+from swardmap.train.photos import FREE_CODE, OBSTACLE_CODE, PARTIAL_CODE, PSEUDO_CODE
 from swardmap.train.recipe import recipe_from_dict
 
 MakeRecipe = Callable[..., dict[str, Any]]
@@ -48,14 +49,20 @@ def test_a_partial_label_speaks_of_the_set_alone(tiny_recipe: MakeRecipe) -> Non
     torch.testing.assert_close(loss, -(probability[:, 0] + probability[:, 1]).log().mean())
 
 
-def test_obstacles_of_a_set_weigh_what_the_recipe_says(tiny_recipe: MakeRecipe) -> None:
+@pytest.mark.parametrize(
+    ("setting", "class_id", "code"), [("obstacle_weight", 0, OBSTACLE_CODE), ("free_weight", 1, FREE_CODE)]
+)
+def test_a_class_of_a_set_weighs_what_the_recipe_says(
+    setting: str, class_id: int, code: int, tiny_recipe: MakeRecipe
+) -> None:
     tree = tiny_recipe()
-    tree["data"][0]["obstacle_weight"] = 3.0
+    tree["data"][0][setting] = 3.0
     tree["schedule"]["person_weight"] = 1.0
     logits, target = torch.randn(2, 3, 5, 7), torch.randint(0, 3, (2, 5, 7))
-    own = torch.where(target == 0, OBSTACLE_CODE, target).to(torch.uint8)
+    own = torch.where(target == class_id, code, target).to(torch.uint8)
     ours = set_loss(logits, own, make_codes(recipe_from_dict(tree)))
-    weights = torch.tensor([3.0, 1.0, 1.0])
+    weights = torch.ones(3)
+    weights[class_id] = 3.0
     torch.testing.assert_close(ours, F.cross_entropy(logits, target, weights))
 
 

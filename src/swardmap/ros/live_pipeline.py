@@ -20,6 +20,7 @@ from swardmap.monitor.diagnostics import Diagnosis, Fault, HealthReport, Severit
 from swardmap.perception.observation import PixelCounts
 from swardmap.pipeline import StepResult
 from swardmap.rig.rig import Rig
+from swardmap.ros.drive_recorder import DriveRecorder
 from swardmap.ros.given_map import GivenMap
 from swardmap.ros.inputs import CameraPair
 from swardmap.ros.intake import Intake
@@ -77,6 +78,7 @@ class LivePipeline:
         self._pixels: deque[PixelCounts] = deque(maxlen=JUDGED_FRAMES)
         self.pixels: PixelCounts | None = None
         self.load, self.stages = Load(), self.mapper.stages
+        self.recorder: DriveRecorder | None = None
         self.first_map_s: float | None = None
         self._mapped_ns: int | None = None
         self._dropped = 0
@@ -128,6 +130,8 @@ class LivePipeline:
         try:
             with self.stages.measured("decode"):
                 frame = self.intake.build_frame(job)
+            if (recorder := self.recorder) is not None:  # a callback may take it away meanwhile
+                recorder.offer(pair.camera, frame)
             if job.lost:
                 self.mapper.watch_frame(pair.camera, frame, pair.arrival_ns)
                 return None

@@ -1,4 +1,4 @@
-"""The node's services: clear, save, pause, grant_start_area."""
+"""The node's services: clear, save, pause, grant_start_area, teach_record."""
 
 import threading
 from collections.abc import Callable, Generator
@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from swardmap.errors import SwardmapError
+from swardmap.monitor.diagnostics import Severity
+from swardmap.ros.drive_recorder import DriveRecorder
 from swardmap.ros.live_pipeline import LivePipeline
 from swardmap.ros.run_facts import run_facts
 
@@ -32,8 +34,9 @@ def serve(node: Any, pipeline: LivePipeline) -> list[Callable[[], object]]:
         node.create_service(Trigger, "~/save", partial(_save, pipeline)),
         node.create_service(SetBool, "~/pause", partial(_pause, pipeline)),
         node.create_service(Trigger, "~/grant_start_area", partial(_grant, node, pipeline)),
+        node.create_service(SetBool, "~/teach_record", partial(_teach_record, pipeline)),
     )
-    return [partial(node.destroy_service, service) for service in services]
+    return [*(partial(node.destroy_service, service) for service in services), partial(_end_drive, pipeline)]
 
 
 def _clear(pipeline: LivePipeline, _: Any, response: Any) -> Any:
@@ -52,7 +55,7 @@ def _grant(node: Any, pipeline: LivePipeline, _: Any, response: Any) -> Any:
 
 
 async def _save(pipeline: LivePipeline, _: Any, response: Any) -> Any:
-    folder = Path(pipeline.parameters.node.save_folder) / datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%f")
+    folder = _new_folder(pipeline)
     writer = _Writer(pipeline, folder)
     writer.start()
     while writer.is_alive():  # the stop flag is published meanwhile, or the robot would stand
@@ -60,6 +63,11 @@ async def _save(pipeline: LivePipeline, _: Any, response: Any) -> Any:
         await _OthersTurn()
     response.success, response.message = not writer.error, writer.error or str(folder.absolute())
     return response
+
+
+def _new_folder(pipeline: LivePipeline, name: str = "") -> Path:
+    name += datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%f")
+    return Path(pipeline.parameters.node.save_folder) / name
 
 
 class _Writer(threading.Thread):
@@ -90,3 +98,35 @@ def _pause(pipeline: LivePipeline, request: Any, response: Any) -> Any:
     response.success = True
     response.message = "paused: the stop flag is set" if request.data else "mapping"
     return response
+
+
+async def _teach_record(pipeline: LivePipeline, request: Any, response: Any) -> Any:
+    recorder = pipeline.recorder
+    if not request.data and recorder is not None:
+        recorder.stop()
+        while recorder.writing:
+            recorder.wait(TURN_S)
+            await _OthersTurn()
+        pipeline.recorder = None
+        response.success, response.message = not recorder.error, recorder.told
+    elif not request.data:
+        response.success, response.message = False, "no drive is being recorded"
+    elif not pipeline.intake.poses.posed:
+        response.success, response.message = False, "a drive needs poses, and pose_source is none"
+    elif recorder is not None and recorder.writing:
+        response.success, response.message = False, f"already recording into {recorder.folder}"
+    else:
+        pipeline.recorder = DriveRecorder(_new_folder(pipeline, "drive_").absolute(), partial(_log, pipeline))
+        response.success, response.message = True, f"recording into {pipeline.recorder.folder}"
+    return response
+
+
+def _log(pipeline: LivePipeline, line: str) -> None:
+    pipeline.events.append((Severity.OK, line))
+
+
+def _end_drive(pipeline: LivePipeline) -> None:
+    """What was recorded until the node stops is kept."""
+    if pipeline.recorder is not None:
+        pipeline.recorder.stop()
+        pipeline.recorder.wait()

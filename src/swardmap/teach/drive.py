@@ -1,8 +1,7 @@
 """The first reading of a drive: its poses, frames to learn from, what they saw, what is believed."""
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,41 +10,27 @@ from swardmap.config import Config
 from swardmap.errors import InputError
 from swardmap.grid import GridSpec, overlap
 from swardmap.segmenter import Segmenter
-from swardmap.teach.doubt import Looks, looks_of
-from swardmap.teach.evidence import (
-    MOST_AGAINST,
-    MOST_BLOCKED,
-    blocked,
-    contradicted,
-    disagreement,
-    grid_around,
-    votes_of,
+from swardmap.teach.belief import (
+    Picked,
+    believed_way,
+    blocked_views,
+    contradicting,
+    jumps_between,
+    spread,
 )
+from swardmap.teach.doubt import looks_of
+from swardmap.teach.evidence import grid_around
 from swardmap.teach.plan import TeachPlan
-from swardmap.teach.shifts import shift_between
 from swardmap.teach.track import Track, base_of, driven_cells, in_spans, steady
-from swardmap.teach.views import Bools, Heights, SeenCells, heights_of, seen_of
+from swardmap.teach.views import Bools, Heights, heights_of, seen_of
 from swardmap.types import Frame, Segmentation
 
 MOST_LEFT_OUT = 0.3
 """Share of a drive that may contradict the rest; beyond it nobody knows which part is right."""
 FEWEST_FRAMES = 8
 LEAST_DRIVEN_M2 = 1.0
-BLOCKED_SHARE, BLOCKED_VIEWS = 0.5, 3
-"""A driven cell on which something stands in so many of the views is no lawn: the way is wrong there."""
-BAD_POSE_SHARE = 0.25
-"""Of a footprint on such cells, from which on its pose is not believed."""
 
 OnFrame = Callable[[], None]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Picked:
-    """A frame to learn from: its place among the poses, what it saw, how the ground looked in each cell."""
-
-    index: int
-    seen: SeenCells
-    looks: Looks
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -173,14 +158,14 @@ def _judged(name: str, reading: _Reading, plan: TeachPlan) -> Drive:
             f"in view, got {len(picked)}: drive on, over the whole lawn"
         )
     unwanted = in_spans(track.seconds, plan.leave_out_s)
-    jumped = ~steady(track, _cuts(track, picked)) & ~unwanted
+    jumped = ~steady(track, jumps_between(track, picked)) & ~unwanted
     kept = ~(unwanted | jumped)
     spec = grid_around([p.seen for p in picked])
-    against = _spread(picked, _against(picked, kept, spec), kept)
+    against = spread(picked, contradicting(picked, kept, spec), kept)
     kept = kept & ~against
-    driven, wrong_way = _believed_way(track, picked, kept, plan, spec)
+    driven, wrong_way = believed_way(track, picked, kept, plan, spec)
     kept = kept & ~wrong_way
-    struck = _spread(picked, _blocked(picked, kept, driven > 0, spec), kept)
+    struck = spread(picked, blocked_views(picked, kept, driven > 0, spec), kept)
     if struck.any():
         kept = kept & ~struck
         driven = driven_cells(track, kept, plan.footprint_m, spec)
@@ -195,65 +180,6 @@ def _judged(name: str, reading: _Reading, plan: TeachPlan) -> Drive:
     )
     _check(drive, jumped | against | wrong_way | struck, unwanted)
     return drive
-
-
-def _cuts(track: Track, picked: tuple[Picked, ...]) -> list[int]:
-    """Poses before which the map jumps, by what stands in one view and in the next."""
-    cuts = []
-    for one, two in pairwise(picked):
-        shift = shift_between(one.seen, two.seen)
-        if shift is not None and shift.jumped:
-            steps_m = np.hypot(*np.diff(track.xy_m[one.index : two.index + 1], axis=0).T)
-            cuts.append(one.index + 1 + int(steps_m.argmax()))
-    return cuts
-
-
-def _against(picked: tuple[Picked, ...], kept: Bools, spec: GridSpec) -> Bools:
-    """(picked,) frames that contradict the others about what stands."""
-    believed = np.array([kept[p.index] for p in picked])
-    votes = votes_of([p.seen for p in picked], believed, spec)
-    values = [disagreement(p.seen, votes, bool(b)) for p, b in zip(picked, believed, strict=True)]
-    return np.asarray(contradicted(values, MOST_AGAINST) & believed)
-
-
-def _blocked(picked: tuple[Picked, ...], kept: Bools, driven: Bools, spec: GridSpec) -> Bools:
-    """(picked,) frames that see something standing where the robot drove."""
-    values = [blocked(p.seen, driven, spec) if kept[p.index] else None for p in picked]
-    return contradicted(values, MOST_BLOCKED)
-
-
-def _believed_way(
-    track: Track, picked: tuple[Picked, ...], kept: Bools, plan: TeachPlan, spec: GridSpec
-) -> tuple[NDArray[np.int32], Bools]:
-    """The driven cells, and poses whose footprint lies on what stands in most views."""
-    votes = votes_of([p.seen for p in picked], np.array([kept[p.index] for p in picked]), spec)
-    stands = (votes.raised >= BLOCKED_VIEWS) & (votes.raised > BLOCKED_SHARE * (votes.raised + votes.flat))
-    driven = driven_cells(track, kept, plan.footprint_m, spec)
-    wrong = np.zeros(len(track), np.bool_)
-    if not (stands & (driven > 0)).any():
-        return driven, wrong
-    for i in np.flatnonzero(kept).tolist():
-        alone = np.zeros(len(track), np.bool_)
-        alone[i] = True
-        covered = driven_cells(_one(track, i), alone[i : i + 1], plan.footprint_m, spec) > 0
-        wrong[i] = (covered & stands).sum() > BAD_POSE_SHARE * max(1, int(covered.sum()))
-    return (driven_cells(track, kept & ~wrong, plan.footprint_m, spec) if wrong.any() else driven), wrong
-
-
-def _one(track: Track, i: int) -> Track:
-    return replace(
-        track,
-        stamps_ns=track.stamps_ns[i : i + 1],
-        xy_m=track.xy_m[i : i + 1],
-        yaw_rad=track.yaw_rad[i : i + 1],
-    )
-
-
-def _spread(picked: tuple[Picked, ...], chosen: Bools, kept: Bools) -> Bools:
-    """(poses,) those nearer in time to a chosen frame than to any that is believed."""
-    indices = np.array([p.index for p in picked])
-    nearest = np.abs(np.arange(len(kept))[:, None] - indices[None, :]).argmin(1)
-    return np.asarray(chosen[nearest] & kept)
 
 
 def spans_of(track: Track, chosen: Bools) -> list[tuple[float, float]]:

@@ -1,9 +1,10 @@
 """The gate: the old and the new network on what must not get worse, and a verdict that may be no.
 
 Counted per network and garden (of the safety set) or group of frames (of the drive's part held out):
-pixels, and things, that it calls grass. A dangerous figure of the new network may not lie above the 95 %
-interval of the old one's; nor may it rise by more than chance in the same gardens, for these differ from each
-other far more than one network from another.
+pixels, and things, that it calls grass, and pixels that it is so sure of that they would clear a cell of
+the map (`grid.clear_below`). A dangerous figure of the new network may not lie above the 95 % interval of
+the old one's; nor may it rise by more than chance in the same gardens, for these differ from each other far
+more than one network from another.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -14,14 +15,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from swardmap.config import GridConfig
 from swardmap.eval.intervals import share_interval
 from swardmap.eval.things import HEIGHTS_M
 from swardmap.io.images import read_color, read_mask
 from swardmap.io.sources.truth import FIRST_AREA
 from swardmap.labels import GRASS, OTHER, PERSON, MapClass
-from swardmap.models.onnx import OnnxSegmenter
+from swardmap.models.onnx import OnnxSegmenter, segmentation_of
 from swardmap.teach.safety import SafetyFrame, safety_frames
-from swardmap.types import Segmentation
 
 FEWEST_PIXELS = 20
 """Of a thing, to count."""
@@ -36,24 +37,56 @@ LEAST_RISE = 0.002
 LEAST_LOST = 0.01
 """Of the driven ground: a network that knows so much less of it has learnt nothing."""
 
+CLEARS_255 = 255 * GridConfig().clear_below
+"""P(obstacle or person) in 255ths up to which a pixel that is called grass helps to clear a cell."""
+
 DANGEROUS = {
     "obstacle_called_grass": "obstacle pixels called grass",
+    "obstacle_clears": "obstacle pixels surely grass: they clear",
     "person_called_grass": "person pixels called grass",
+    "person_clears": "person pixels surely grass",
     "bare_called_grass": "pixels of paths and beds called grass",
+    "bare_clears": "pixels of paths and beds surely grass",
     "things_5-20 cm": "things of 5-20 cm overlooked",
     "things_20-50 cm": "things of 20-50 cm overlooked",
     "things_over 50 cm": "things over 50 cm overlooked",
     "persons": "persons overlooked",
     "held_stands_called_grass": "pixels of what stands on your drive called grass",
+    "held_stands_clears": "pixels of what stands on your drive surely grass",
 }
 USEFUL = {
     "held_driven_called_grass": "pixels of the driven ground called grass, part held out",
+    "held_driven_clears": "pixels of the driven ground surely grass, part held out",
     "grass_called_grass": "pixels of lawn called grass, gardens",
+    "grass_clears": "pixels of lawn surely grass, gardens",
 }
-PIXEL_FIGURES = {
-    "obstacle_called_grass": OTHER.id, "person_called_grass": PERSON.id, "grass_called_grass": GRASS.id
-}  # fmt: skip
+KNOWN_LESS = {
+    "held_driven_called_grass": "it knows less of the driven ground than before",
+    "held_driven_clears": "it is sure of less of the driven ground than before",
+}
+PIXEL_FIGURES = {"obstacle": OTHER.id, "person": PERSON.id, "grass": GRASS.id}
 Key = tuple[str, str]
+
+
+Bools = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Said:
+    """What a network says of the pixels of a frame.
+
+    Attributes:
+        grass: (H, W) bool that it calls grass.
+        clears: (H, W) bool of these, where it is sure enough to clear a cell.
+    """
+
+    grass: Bools
+    clears: Bools
+
+    @property
+    def named(self) -> tuple[tuple[str, Bools], ...]:
+        """Both, by the ends of the figures' names."""
+        return ("called_grass", self.grass), ("clears", self.clears)
 
 
 @dataclass(eq=False)
@@ -146,29 +179,27 @@ def measure(
     """
     segmenter, counts = OnnxSegmenter(network, threads), Counts()
     for frame in safety_frames() if frames is None else frames:
-        count_frame(counts, frame, _classes(segmenter, frame.rgb))
+        count_frame(counts, frame, _said(segmenter, frame.rgb))
     for number, image in enumerate(sorted((held / "images").glob("*.jpg"))):
         labels = read_mask(held / "labels" / f"{image.stem}.png")
-        count_held(counts, f"{number // HELD_GROUP}", labels, _classes(segmenter, read_color(image)))
+        count_held(counts, f"{number // HELD_GROUP}", labels, _said(segmenter, read_color(image)))
     return counts
 
 
-def count_frame(counts: Counts, frame: SafetyFrame, classes: NDArray[np.uint8]) -> None:
+def count_frame(counts: Counts, frame: SafetyFrame, said: Said) -> None:
     """Count one frame of the safety set.
 
     Args:
         counts: is added to.
         frame: with its truth.
-        classes: (H, W) uint8 MapClass that the network says.
+        said: by the network.
     """
-    grass, unit = classes == MapClass.GRASS, frame.garden
-    for figure, class_id in PIXEL_FIGURES.items():
-        there = frame.labels == class_id
-        counts.add(figure, unit, int((grass & there).sum()), int(there.sum()))
-    bare = (frame.instances >= FIRST_AREA) & (frame.labels == OTHER.id)
-    counts.add("bare_called_grass", unit, int((grass & bare).sum()), int(bare.sum()))
+    unit = frame.garden
+    masks = {name: frame.labels == class_id for name, class_id in PIXEL_FIGURES.items()}
+    masks["bare"] = (frame.instances >= FIRST_AREA) & masks["obstacle"]
+    _count_pixels(counts, unit, masks, said)
     pixels = np.bincount(frame.instances.ravel(), minlength=FIRST_AREA)
-    called = np.bincount(frame.instances.ravel(), weights=grass.ravel(), minlength=FIRST_AREA)
+    called = np.bincount(frame.instances.ravel(), weights=said.grass.ravel(), minlength=FIRST_AREA)
     persons = np.bincount(
         frame.instances.ravel(), weights=(frame.labels == PERSON.id).ravel(), minlength=FIRST_AREA
     )
@@ -182,12 +213,16 @@ def count_frame(counts: Counts, frame: SafetyFrame, classes: NDArray[np.uint8]) 
         counts.add(name, unit, int(called[key] > GONE_SHARE * pixels[key]), 1)
 
 
-def count_held(counts: Counts, unit: str, labels: NDArray[np.uint8], classes: NDArray[np.uint8]) -> None:
+def count_held(counts: Counts, unit: str, labels: NDArray[np.uint8], said: Said) -> None:
     """Count one frame of the part of the drive that was held out."""
-    grass, stands = classes == MapClass.GRASS, (labels == OTHER.id) | (labels == PERSON.id)
-    driven = labels == GRASS.id
-    counts.add("held_driven_called_grass", unit, int((grass & driven).sum()), int(driven.sum()))
-    counts.add("held_stands_called_grass", unit, int((grass & stands).sum()), int(stands.sum()))
+    stands = (labels == OTHER.id) | (labels == PERSON.id)
+    _count_pixels(counts, unit, {"held_driven": labels == GRASS.id, "held_stands": stands}, said)
+
+
+def _count_pixels(counts: Counts, unit: str, masks: Mapping[str, Bools], said: Said) -> None:
+    for name, there in masks.items():
+        for end, hit in said.named:
+            counts.add(f"{name}_{end}", unit, int((hit & there).sum()), int(there.sum()))
 
 
 def judge(old: Counts, new: Counts) -> Verdict:
@@ -195,11 +230,10 @@ def judge(old: Counts, new: Counts) -> Verdict:
     rows = [_row(figure, old, new, True) for figure in DANGEROUS]
     rows += [_row(figure, old, new, False) for figure in USEFUL]
     reasons = [row.reason for row in rows if row.reason]
-    before, after = old.share("held_driven_called_grass"), new.share("held_driven_called_grass")
-    if before is not None and after is not None and after < before - LEAST_LOST:
-        reasons.append(
-            f"it knows less of the driven ground than before: {before:.1%} before, {after:.1%} now"
-        )
+    for figure, what in KNOWN_LESS.items():
+        before, after = old.share(figure), new.share(figure)
+        if before is not None and after is not None and after < before - LEAST_LOST:
+            reasons.append(f"{what}: {before:.1%} before, {after:.1%} now")
     return Verdict(tuple(rows), tuple(reasons))
 
 
@@ -259,6 +293,7 @@ def _height_class(height_m: float) -> str:
     return next(name for name, upper in HEIGHTS_M.items() if height_m < upper)
 
 
-def _classes(segmenter: OnnxSegmenter, rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    labels, _ = segmenter.segment(rgb)
-    return Segmentation(labels, segmenter.label_set).resized_to(*rgb.shape[:2]).map_classes
+def _said(segmenter: OnnxSegmenter, rgb: NDArray[np.uint8]) -> Said:
+    found = segmentation_of(segmenter.logits(rgb), segmenter.spec).resized_to(*rgb.shape[:2])
+    grass = found.map_classes == MapClass.GRASS
+    return Said(grass, grass & (found.hazard_255 <= CLEARS_255))

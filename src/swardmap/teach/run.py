@@ -126,6 +126,16 @@ def label(task: Task, on_frames: OnFrames) -> Labelled:
             "name another file, or add --replace"
         )
     _clear(task.folder)
+    judged, written = _write_drives(task, on_frames)
+    told = warnings(judged, written)
+    write_text(task.folder / PAGE, teach_page(judged, written, task.command))
+    facts = {**written.facts(), "digest": digest, "warnings": told, **_facts_of(judged)}
+    write_facts(facts_file, facts)
+    return Labelled(facts, told)
+
+
+def _write_drives(task: Task, on_frames: OnFrames) -> tuple[list[JudgedDrive], Written]:
+    """Read every drive twice: what is believed of it, then its labels."""
     segmenter = build_segmenter(replace(task.config.segmenter, name=str(task.start_file)))
     written, judged = Written(), []
     counts = [s.frame_count for s in task.sources]
@@ -143,33 +153,22 @@ def label(task: Task, on_frames: OnFrames) -> Labelled:
         ground = ground_of(drive, doubt, task.area, task.unwanted)
         judged.append(JudgedDrive(drive, doubt, ground))
         write_labels(
-            source,
-            drive,
-            ground,
-            segmenter,
-            task.config,
-            task.plan,
-            task.folder,
-            f"{number}_",
-            written,
+            source, drive, ground, segmenter, task.config, task.plan, task.folder, f"{number}_", written,
             on_frame,
-        )
-    told = warnings(judged, written)
-    write_text(task.folder / PAGE, teach_page(judged, written, task.command))
-    facts = {
-        **written.facts(),
-        "digest": digest,
-        "warnings": told,
+        )  # fmt: skip
+    return judged, written
+
+
+def _facts_of(judged: Sequence[JudgedDrive]) -> dict[str, Any]:
+    """Plain numbers of the drives."""
+    doubtful_m2 = sum(float(j.doubt.cells.sum()) * j.drive.spec.resolution_m**2 for j in judged)
+    return {
         "driven_m2": round(sum(j.drive.driven_m2 for j in judged), 2),
-        "doubtful_m2": round(
-            sum(float(j.doubt.cells.sum()) * j.drive.spec.resolution_m**2 for j in judged), 2
-        ),
+        "doubtful_m2": round(doubtful_m2, 2),
         "left_out": {j.drive.name: j.drive.left_out for j in judged},
         "trusted_for_other": [j.ground.trust_other for j in judged],
-        "drives": task.names,
+        "drives": [j.drive.name for j in judged],
     }
-    write_facts(facts_file, facts)
-    return Labelled(facts, told)
 
 
 def learn(task: Task, device: str, threads: int, report: Callable[[Mapping[str, Any]], None]) -> Verdict:

@@ -14,7 +14,15 @@ from numpy.typing import NDArray
 from swardmap.errors import InputError
 from swardmap.labels import VOID_ID, Role
 from swardmap.train.augment import covered, paste, relight, warp
-from swardmap.train.photos import OBSTACLE_CODE, PARTIAL_CODE, PSEUDO_CODE, Photo, read_photos, role_code
+from swardmap.train.photos import (
+    FREE_CODE,
+    OBSTACLE_CODE,
+    PARTIAL_CODE,
+    PSEUDO_CODE,
+    Photo,
+    read_photos,
+    role_code,
+)
 from swardmap.train.recipe import DataConfig, NetworkConfig, Recipe
 
 
@@ -51,8 +59,8 @@ class PhotoSet:
 def make_codes(recipe: Recipe) -> Codes:
     """The code table of a recipe.
 
-    Class index, 100 + class index (teacher), 150 + data set (obstacle with a weight of the set's own),
-    200 + data set (known in part).
+    Class index, 50 + data set (drivable with a weight of the set's own), 100 + class index (teacher),
+    150 + data set (obstacle with a weight of its own), 200 + data set (known in part).
     """
     ids, names = recipe.network.trained_ids, recipe.network.label_set
     sets = np.ones((256, len(ids)), np.bool_)
@@ -65,10 +73,15 @@ def make_codes(recipe: Recipe) -> Codes:
             sets[code] = np.arange(len(ids)) == index
             weights[code] = weight * factor
     for number, config in enumerate(recipe.data):
-        obstacle = role_code(recipe.network, Role.OBSTACLE)
-        if config.obstacle_weight != 1 and obstacle is not None:
-            sets[OBSTACLE_CODE + number] = sets[obstacle]
-            weights[OBSTACLE_CODE + number] = weights[obstacle] * config.obstacle_weight
+        own = (
+            (config.obstacle_weight, Role.OBSTACLE, OBSTACLE_CODE),
+            (config.free_weight, Role.FREE, FREE_CODE),
+        )
+        for weight, role, code in own:
+            known = role_code(recipe.network, role)
+            if weight != 1 and known is not None:
+                sets[code + number] = sets[known]
+                weights[code + number] = weights[known] * weight
         if config.void_means:
             allowed = {names[name.strip()].id for name in config.void_means.split(",")}
             sets[PARTIAL_CODE + number] = [i in allowed for i in ids]

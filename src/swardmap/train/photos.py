@@ -16,6 +16,7 @@ from swardmap.train.augment import Image
 from swardmap.train.recipe import DataConfig, NetworkConfig
 from swardmap.types import Frame
 
+FREE_CODE = 50
 PSEUDO_CODE = 100
 OBSTACLE_CODE = 150
 PARTIAL_CODE = 200
@@ -162,12 +163,16 @@ def _of_frame(frame: Frame, config: DataConfig, number: int, network: NetworkCon
 
 
 def _of_set(codes: Image, config: DataConfig, number: int, network: NetworkConfig) -> Image:
-    """Codes of the data set's own, where its void is known in part or its obstacles weigh otherwise."""
+    """Codes of the data set's own, where its void is known in part or some of its classes weigh otherwise."""
     if config.void_means:
         codes = np.where(codes == VOID_ID, np.uint8(PARTIAL_CODE + number), codes)
-    if config.obstacle_weight != 1 and not config.validation:
-        obstacle = role_code(network, Role.OBSTACLE)
-        codes = np.where(codes == obstacle, np.uint8(OBSTACLE_CODE + number), codes)
+    own = (
+        (config.obstacle_weight, Role.OBSTACLE, OBSTACLE_CODE),
+        (config.free_weight, Role.FREE, FREE_CODE),
+    )
+    for weight, role, code in own:
+        if weight != 1 and not config.validation:
+            codes = np.where(codes == role_code(network, role), np.uint8(code + number), codes)
     return codes
 
 

@@ -152,6 +152,9 @@ class DataConfig(Checked):
         "of an obstacle's pixel in the loss: over 1 where grass said of it is the costly error",
         minimum=0,
     )
+    free_weight: float = setting(
+        1.0, "of a pixel that may be driven on in the loss: over 1 where few of them are labelled", minimum=0
+    )
     validation: bool = setting(False, "measured on, not learnt from")
     every: int = setting(1, "use every n-th image", minimum=1)
     terms: str = setting(
