@@ -47,6 +47,9 @@ SETTLED = 10
 """Reports in which nothing more is mapped: a second."""
 
 OF_FRAMES = ("mask", "confidence", "cloud", "obstacles")
+UPDATES = set() if OccupancyGridUpdate is None else {"map_updates", "costmap_updates"}
+"""One that was missed would be missing for ever."""
+
 STAMP = struct.Struct("<iI")
 TF_COUNT = 4
 """Bytes before the stamp of the first of a message of transforms: how many there are."""
@@ -221,7 +224,7 @@ def main() -> int:
         )
         for _, topic, kind, _ in messages
     }
-    wanted = {f"{camera}/{kind}" for camera in cameras for kind in OF_FRAMES}
+    wanted = {f"{camera}/{kind}" for camera in cameras for kind in OF_FRAMES} | UPDATES
 
     def heard_as_offered(topic: str) -> bool:
         asked = [

@@ -10,16 +10,21 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
 SILENCE_S = 300.0
+FROM_BEFORE = QoSProfile(
+    depth=100, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+)
+"""What was said before this program was discovered is heard, too."""
 
 
 def main() -> int:
     rclpy.init()
     node, told = rclpy.create_node("status_log", namespace=sys.argv[1]), list[dict[str, Any]]()
     node.create_subscription(
-        String, "simulated_mower/status_json", lambda m: told.append(json.loads(m.data)), 100
+        String, "simulated_mower/status_json", lambda m: told.append(json.loads(m.data)), FROM_BEFORE
     )
     count, heard_s = 0, time.monotonic()
     while not (told and told[-1]["rounds"]):

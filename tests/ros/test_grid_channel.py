@@ -138,6 +138,19 @@ def test_what_does_not_change_is_sent_whole_now_and_then_only(
     assert sent == ["map"] * 5  # 0: always whole
 
 
+@pytest.mark.parametrize(("of_whole", "of_updates"), [(0, 0), (1, 0), (1, 1)])
+def test_who_hears_the_whole_map_alone_hears_no_updates(
+    of_whole: int, of_updates: int, channel_to: Callable[..., outputs.GridChannel]
+) -> None:
+    sender = channel_to(StaticLayer())
+    for publisher, count in zip(sender.publishers, (of_whole, of_updates), strict=True):
+        publisher.get_subscription_count = lambda count=count: count
+    assert sender.updates_are_heard == bool(of_updates)
+    without = channel_to(StaticLayer(), False)
+    without.publishers[0].get_subscription_count = lambda: of_whole
+    assert not without.updates_are_heard
+
+
 rectangles = st.one_of(
     st.none(), st.tuples(st.integers(0, 5), st.integers(0, 5), st.integers(1, 4), st.integers(1, 4))
 )

@@ -74,6 +74,11 @@ class GridChannel:
         self._whole_s = -np.inf
         self._since_whole: messages.Rectangle | None = None
 
+    @property
+    def updates_are_heard(self) -> bool:
+        """Whether somebody listens to the updates."""
+        return any(publisher.get_subscription_count() for publisher in self.publishers[1:])
+
     def publish(
         self, values: NDArray[np.int8], spec: GridSpec, stamp_ns: int, now_s: float, full_s: float
     ) -> None:
@@ -139,8 +144,13 @@ class Outputs:
 
     @property
     def listened_to(self) -> list[str]:
-        """Outputs of frames that somebody listens to, such as `camera/mask`; the others are not computed."""
-        return [f"{camera}/{kind}" for camera, kind in self._of_camera if self._heard(camera, kind)]
+        """Outputs of frames that somebody listens to, such as `camera/mask`; the others are not computed.
+
+        Updates of maps too: whoever hears the whole one only, which is latched, has missed some.
+        """
+        frames = [f"{camera}/{kind}" for camera, kind in self._of_camera if self._heard(camera, kind)]
+        grids = {"map_updates": self._map, "costmap_updates": self._costmap}
+        return frames + [name for name, channel in grids.items() if channel.updates_are_heard]
 
     def wait_until_heard(self, seconds: float) -> None:
         """Wait until who listens has flag and maps: a publisher that goes takes its last word along."""

@@ -18,9 +18,10 @@ from swardmap.io.bags.ros_fields import (
     tf_fields,
     time_fields,
 )
-from swardmap.ros.driver import NOWHERE, Driver
+from swardmap.ros.driver import NOWHERE, STILL, Driver
 from swardmap.ros.driver_ears import DriverEars
 from swardmap.ros.gate import Command
+from swardmap.ros.grants import AWAITED, Grants
 from swardmap.ros.messages import ros_message
 from swardmap.ros.topics import find_types, latched_qos, rclpy_module
 from swardmap.types import Frame
@@ -36,7 +37,12 @@ KEEPS_UP_S = 20.0
 """So long at most time stands still for the node; for one that is dead the silent stop flag stands in."""
 
 REACHED_M, SETS_OUT_M = 0.6, 0.2
-ASKS_NS = 3_000_000_000
+HISTORY = 100
+"""Of what it says of itself, the last ten seconds reach those who come later."""
+
+LAST_WORD_S = 5.0
+"""So long at most it waits until its last word is heard."""
+
 OPTICAL = "camera"
 REMEMBERED = 50
 """Images whose poses are known."""
@@ -57,6 +63,7 @@ class MowerWorld(Protocol):
         intrinsics: of the camera.
         T_base_camera: where the camera sits.
         rate_hz: images a second.
+        via_m: (x, y) to pass on the way there.
         goal_m: (x, y) to go to, and come back from.
     """
 
@@ -64,6 +71,7 @@ class MowerWorld(Protocol):
     intrinsics: Intrinsics
     T_base_camera: Pose
     rate_hz: float
+    via_m: tuple[float, float]
     goal_m: tuple[float, float]
 
     @property
@@ -78,26 +86,6 @@ class MowerWorld(Protocol):
 
     def look(self, T_map_base: Pose, stamp_ns: int) -> Frame:
         """What the camera sees."""
-
-
-class Grants:
-    """The operator beside the mower, who grants it a start area when it cannot set out.
-
-    Args:
-        node: of rclpy.
-    """
-
-    def __init__(self, node: Any) -> None:
-        from std_srvs.srv import Trigger
-
-        self._client = node.create_client(Trigger, "swardmap/grant_start_area")
-        self._request, self._asked_ns = Trigger.Request(), 0
-
-    def ask(self, now_ns: int) -> None:
-        """Ask for it, not more often than every few seconds."""
-        if now_ns - self._asked_ns > ASKS_NS and self._client.service_is_ready():
-            self._asked_ns = now_ns
-            self._client.call_async(self._request)
 
 
 class SimulatedMower:
@@ -117,7 +105,8 @@ class SimulatedMower:
         self._wall_s = PERIOD_NS / 1e9 / pace
         self._place = [0.0, 0.0, 0.0]
         self._now_ns, self._imaged_ns = time.time_ns(), 0
-        self._goes_out, self._meets, self._reason = True, False, "it waits for the node"
+        self._goals_m = [garden.via_m, garden.goal_m, (0.0, 0.0)]
+        self._meets, self._reason = False, "it waits for the node"
         self._driver, self._command = Driver(), Command(0.0, 0.0)
         self._looked_from: dict[int, Pose] = {}
         self._ears = DriverEars(node, lambda: self._now_ns / 1e9, self._looked_from.get, garden.T_base_camera)
@@ -138,14 +127,22 @@ class SimulatedMower:
         self._listen(due)
         heard = self._ears.heard
         heard.gate.T_map_base, heard.gate.pose_s = self.T_map_base, self._now_ns / 1e9
-        goal_m = self.garden.goal_m if self._goes_out else (0.0, 0.0)
+        goal_m = self._goals_m[0]
         self._command, reason = self._driver.command(goal_m, heard, self._now_ns / 1e9)
-        self._say(reason)
         if reason == NOWHERE and self._way_m < SETS_OUT_M:
             self._grants.ask(self._now_ns)
-        self._move(goal_m)
+        if self._grants.awaited(self._now_ns):
+            self._command, reason = STILL, reason or AWAITED
+        self._say(reason)
+        self._move()
         self._tell()
         self._now_ns += PERIOD_NS
+
+    def wait_until_heard(self) -> None:
+        """Wait until who listens has its last word: a publisher that goes takes it along."""
+        from rclpy.duration import Duration
+
+        self._publish_to["~/status_json"].wait_for_all_acked(Duration(seconds=LAST_WORD_S))
 
     def _publish(self) -> None:
         """Clock, pose, and images when they are due."""
@@ -189,7 +186,7 @@ class SimulatedMower:
         unmapped_ns = self._imaged_ns - ears.mapped_ns if ears.mapped_ns else 0
         return self._now_ns - ears.node_ns > BEHIND_NS or unmapped_ns > LAG_NS
 
-    def _move(self, goal_m: tuple[float, float]) -> None:
+    def _move(self) -> None:
         """As a unicycle does for a tenth of a second."""
         x, y, yaw = self._place
         seconds, forward = PERIOD_NS / 1e9, self._command.forward_mps
@@ -198,17 +195,18 @@ class SimulatedMower:
         self._place = [x, y, math.remainder(yaw, 2 * math.pi)]
         self._way_m += abs(forward) * seconds
         self._nearest_m = min(self._nearest_m, math.dist((x, y), self.garden.visit.position_m(self._now_ns)))
-        if self._goes_out and not self._meets and math.hypot(x, y) > SETS_OUT_M:
+        if len(self._goals_m) > 1 and not self._meets and math.hypot(x, y) > SETS_OUT_M:
             self._meets = True
             self.garden.begin_visit(self._now_ns)
-        if math.dist((x, y), goal_m) < REACHED_M:
-            self._turn_round()
+        if math.dist((x, y), self._goals_m[0]) < REACHED_M:
+            self._goals_m = self._goals_m[1:]
+            self._arrive()
 
-    def _turn_round(self) -> None:
-        log = self.node.get_logger()
-        self._goes_out = not self._goes_out
-        if not self._goes_out:
+    def _arrive(self) -> None:
+        log, left = self.node.get_logger(), len(self._goals_m)
+        if left == 1:
             log.info("at the goal: it comes back")
+        if left:
             return
         seconds = (self._now_ns - self._round_ns) / 1e9
         log.info(
@@ -216,6 +214,7 @@ class SimulatedMower:
             f"the person never nearer to the base than {self._nearest_m:.2f} m"
         )
         self.rounds += 1
+        self._goals_m = [self.garden.via_m, self.garden.goal_m, (0.0, 0.0)]
         self._round_ns, self._way_m, self._nearest_m, self._meets = self._now_ns, 0.0, math.inf, False
         self.garden.begin_visit(None)
 
@@ -232,7 +231,8 @@ class SimulatedMower:
         self._publish_to["cmd_vel"].publish(twist)
         told = {
             "stamp_ns": self._now_ns, "place": self._place, "reason": self._reason, "rounds": self.rounds,
-            "goes_out": self._goes_out, "person_m": self.garden.visit.position_m(self._now_ns),
+            "goes_out": len(self._goals_m) > 1, "person_m": self.garden.visit.position_m(self._now_ns),
+            "start_areas": self._grants.count,
         }  # fmt: skip
         status = self._publish_to["~/status_json"]
         status.publish(status.msg_type(data=json.dumps(told)))
@@ -246,7 +246,8 @@ def _publishers(node: Any, tf: Any) -> dict[str, Any]:
     from std_msgs.msg import String
 
     kinds: dict[str, tuple[Any, Any]] = {
-        "clock": (Clock, 10), "odom": (Odometry, 50), "cmd_vel": (Twist, 1), "~/status_json": (String, 50),
+        "clock": (Clock, 10), "odom": (Odometry, 50), "cmd_vel": (Twist, 1),
+        "~/status_json": (String, latched_qos(HISTORY)),
         "color/image_raw": (Image, 5), "depth/image_raw": (Image, 5),
         "color/camera_info": (CameraInfo, 5), "depth/camera_info": (CameraInfo, 5),
     }  # fmt: skip
@@ -273,6 +274,8 @@ def run_mower(garden: MowerWorld, arguments: Sequence[str], rounds: int | None, 
     try:
         while rclpy.ok() and (rounds is None or mower.rounds < rounds):
             mower.step()
+        if rclpy.ok():
+            mower.wait_until_heard()
     except (KeyboardInterrupt, ExternalShutdownException):
         pass  # how it is stopped
     except RuntimeError:  # RCLError is one: in the middle of a step there is no ROS any more

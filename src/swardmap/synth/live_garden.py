@@ -19,8 +19,9 @@ from swardmap.types import Frame
 BED_M, BED_HALF_M = (4.2, 0.0), (0.45, 0.8)
 """Middle of the bed, and half its sides."""
 
-GOAL_M = (7.0, 0.0)
-"""Where the mower is to go, and come back from."""
+VIA_M, GOAL_M = (2.7, 0.0), (7.0, 0.0)
+"""Where the mower is to go, and come back from; on its way there straight on first, to meet the visitor
+whatever it knows of the lawn beside the bed."""
 
 HEIGHT_M, PITCH_DEG, FORWARD_M = 0.9, 25.0, 0.3
 T_base_camera = mount_pose(HEIGHT_M, PITCH_DEG, xy_m=(FORWARD_M, 0.0), parent="base_link", child="camera")
@@ -94,14 +95,14 @@ class SolidGarden:
     Attributes:
         name: in words.
         intrinsics, T_base_camera, rate_hz: of the mower's camera.
-        goal_m: (x, y) where the mower is to go, and come back from.
+        via_m, goal_m: (x, y) to pass, and where the mower is to go, and come back from.
         visit: of the person.
     """
 
     def __init__(self) -> None:
         self.name, self.intrinsics, self.rate_hz = "a garden of simple solids", CAMERA, 5.0
         self.visit = Visit()
-        self.T_base_camera, self.goal_m = T_base_camera, GOAL_M
+        self.T_base_camera, self.via_m, self.goal_m = T_base_camera, VIA_M, GOAL_M
         self._rng = np.random.default_rng(0)
         way = np.subtract(self.visit.lane_m, self.visit.from_m)
         vx, vy = (way / self.visit.length_m * self.visit.speed_mps).tolist()

@@ -9,7 +9,7 @@ import numpy as np
 from swardmap.errors import InvalidValueError
 from swardmap.geometry import Intrinsics, Pose
 from swardmap.synth.config import SynthConfig
-from swardmap.synth.live_garden import BED_HALF_M, BED_M, GOAL_M, T_base_camera, Visit
+from swardmap.synth.live_garden import BED_HALF_M, BED_M, GOAL_M, VIA_M, T_base_camera, Visit
 from swardmap.synth.model import Float64Array, Garden, Thing
 from swardmap.synth.people.path import Path, Walker, walker
 from swardmap.synth.scene.areas import inside_convex_m
@@ -55,7 +55,7 @@ class RenderedGarden:
     Attributes:
         name: in words.
         intrinsics, T_base_camera, rate_hz: of the mower's camera.
-        goal_m: (x, y) where the mower is to go, and come back from.
+        via_m, goal_m: (x, y) to pass, and where the mower is to go, and come back from.
         visit: of the person.
 
     Raises:
@@ -67,7 +67,7 @@ class RenderedGarden:
         config = replace(config, rig=replace(config.rig, width=CAMERA.width, height=CAMERA.height))
         self.name, self.intrinsics, self.rate_hz = f"rendered garden {seed}", CAMERA, 3.0
         self.visit = Visit()
-        self.T_base_camera, self.goal_m = T_base_camera, GOAL_M
+        self.T_base_camera, self.via_m, self.goal_m = T_base_camera, VIA_M, GOAL_M
         self._rng = np.random.default_rng([seed, 5])
         self._stage = GardenStage(config)
         whole = self._stage.garden(seed)
