@@ -1,10 +1,13 @@
 """Many recordings at once: each map is that of its recording alone, and a run goes on after anything."""
 
 import json
+import re
 import shutil
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
+import markupsafe
 import pytest
 
 from swardmap.cli.app import run
@@ -15,6 +18,10 @@ from swardmap.io.sources.folder import write_folder
 from swardmap.runs.many import map_recordings
 from swardmap.runs.recording import map_recording
 from swardmap.synth.analytic import AnalyticSource, garden_scene, lane_poses
+from swardmap.viz.maps_page import MappedRecording, maps_page
+from tests.browser import browser, serious_faults
+
+__all__ = ["browser"]
 
 SMALL = Intrinsics(96, 72, 80.0, 80.0, 47.5, 35.5)
 TRUTH = config_from_dict({"segmenter": {"name": "truth"}, "output": {"pictures": 0}})
@@ -69,7 +76,8 @@ def test_a_run_goes_on_with_what_is_not_there_and_tries_again_what_failed(
     with pytest.raises(OutputError, match=r"other settings \(config, network\)"):
         mapped([drives[0], broken], out, Config())
     assert list(mapped([drives[1]], out, overwrite=True)) == ["friday"]
-    assert sorted(p.name for p in out.iterdir()) == [".swardmap", "friday", "plan.json", "summary.json"]
+    left = [".swardmap", "friday", "plan.json", "report.html", "summary.json"]
+    assert sorted(p.name for p in out.iterdir()) == left
 
 
 def test_ctrl_c_keeps_what_is_whole(drives: list[Path], tmp_path: Path) -> None:
@@ -103,3 +111,56 @@ def test_the_command_says_what_became_of_each(
     assert run([*command, "--frames", "2"]) == 2
     with pytest.raises(InvalidValueError, match="at least one recording"):
         map_recordings([], out)
+
+
+@pytest.fixture(scope="module")
+def page(drives: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Over three recordings, one of an odd name, one without poses, and what cannot be mapped."""
+    root = tmp_path_factory.mktemp("page")
+    odd = shutil.copytree(drives[1], root / "a&b #2 <i>")
+    without = shutil.copytree(drives[0], root / "no poses")
+    (without / "poses.txt").unlink()
+    (root / "broken").mkdir()
+    mapped([drives[0], odd, without, root / "broken"], root / "out", workers=1)
+    return root / "out" / "report.html"
+
+
+def test_one_page_leads_to_all_maps_and_says_what_could_not_be_mapped(page: Path) -> None:
+    html, out = page.read_text(encoding="utf-8"), page.parent
+    found = json.loads((out / "summary.json").read_text(encoding="utf-8"))["recordings"]
+    assert "<b>3 of 4</b>" in html
+    links = {unquote(link) for link in re.findall(r'href="([^"]+)"', html)}
+    assert links == {f"{name}/report.html" for name, facts in found.items() if "error" not in facts}
+    assert all((out / link).is_file() for link in links)
+    assert "<i>" not in html
+    monday = found["monday"]["cells"]
+    for name in ("grass", "obstacle"):
+        assert f"<td>{monday[name] * 0.05**2:.1f}</td>" in html
+    assert "no poses: a map each frame" in html
+    assert markupsafe.escape(found["broken"]["error"]) in html
+    assert html.count("<img ") == 2
+
+
+def test_pictures_of_a_thousand_maps_are_enough(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("swardmap.viz.maps_page.MOST_PICTURES", 2)
+    summary = {"frames": 1, "map": {"cells": {"grass": 1, "obstacle": 2, "person": 3}}}
+    html = maps_page([MappedRecording(f"r{i}", summary, "data:,") for i in range(3)], 0.05, "", "")
+    assert "2 of 3 are shown" in html
+    assert html.count("<tr><td>") == 3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [390, 1280])
+def test_in_chromium_the_page_fits_and_has_no_serious_fault(
+    page: Path, browser: Any, width: int, scheme: str
+) -> None:
+    tab = browser.new_page(viewport={"width": width, "height": 800}, color_scheme=scheme)
+    tab.goto(page.as_uri())
+    assert tab.evaluate("document.documentElement.scrollWidth") <= width
+    assert tab.evaluate("[...document.images].every(i => i.complete && i.naturalWidth > 0)")
+    assert serious_faults(tab) == []
+    tab.click("figure a")
+    assert tab.url.endswith("/monday/report.html")
+    assert tab.title() == "Map of monday"
+    tab.close()

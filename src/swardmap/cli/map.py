@@ -168,6 +168,7 @@ def _map_many(
         for name, facts in made.items():
             print(f"{name}: {facts['error'] if name in failed else _cells_text(facts)}")
         print(f"{len(made) - len(failed)} of {len(made)} recordings mapped, a folder each in {out}")
+        print(f"all of them on one page: {out / 'report.html'}")
     if failed:
         raise InputError(
             f"{len(failed)} of {len(made)} recordings could not be mapped: {', '.join(failed[:5])}; "

@@ -3,6 +3,7 @@
 OUT/plan.json        the recordings and all settings; another plan is refused in the same folder
 OUT/NAME/            the map of one recording, whole or not there; see `files`
 OUT/summary.json     what became of each
+OUT/report.html      a page over all, which leads to those of the maps
 
 A run that was killed goes on with the recordings that are not there yet; one that failed is tried again.
 """
@@ -14,9 +15,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from swardmap.config import Config, config_to_dict
+from swardmap.config import Config, config_to_dict, config_to_yaml
 from swardmap.errors import InvalidValueError, SwardmapError, one_line
 from swardmap.io.files import read_bytes, refuse_to_replace, write_text
+from swardmap.io.maps.map_files import read_map
+from swardmap.runs.files import typed_command
 from swardmap.runs.parallel import OnDone, Tick, each_part
 from swardmap.runs.plan_folder import open_plan_folder
 from swardmap.runs.recording import map_recording
@@ -73,7 +76,7 @@ def map_recordings(
         return ", ".join(key for key in plan if before.get(key) != plan[key])
 
     open_plan_folder(out, "maps", lambda: plan, difference, overwrite)
-    todo = [item for item in named if _facts(out / item[0]) is None]
+    todo = [item for item in named if _summary(out / item[0]) is None]
     done, errors = len(named) - len(todo), dict[str, str]()
     if on_done is not None:
         on_done(done, len(named))
@@ -84,9 +87,7 @@ def map_recordings(
         done += 1
         if on_done is not None:
             on_done(done, len(named))
-    found = {name: _facts(out / name) or {"error": errors.get(name, "not mapped")} for name, _ in named}
-    write_text(out / "summary.json", json.dumps({"recordings": found}, indent=2) + "\n")
-    return {"recordings": found}
+    return _tell(out, [name for name, _ in named], errors, config)
 
 
 def _named(recordings: Sequence[str | Path]) -> list[Recording]:
@@ -114,13 +115,50 @@ def _map_one(config: Config, out: Path, strict: bool, recording: Recording, tick
     return ""
 
 
-def _facts(folder: Path) -> dict[str, Any] | None:
-    """Frames and cells of a map that is there and whole; None if it is not."""
+def _summary(folder: Path) -> dict[str, Any] | None:
+    """What is told of a map that is there and whole; None if it is not."""
     try:
-        summary = json.loads(read_bytes(folder / "summary.json", MAX_SUMMARY_BYTES))
-        if summary["interrupted"]:
-            return None
-        cells = None if summary["map"] is None else summary["map"]["cells"]
-        return {"frames": summary["frames"], "cells": cells}
+        summary: dict[str, Any] = json.loads(read_bytes(folder / "summary.json", MAX_SUMMARY_BYTES))
+        _facts(summary)
+        return None if summary["interrupted"] else summary
     except (SwardmapError, ValueError, KeyError, TypeError, RecursionError):
         return None
+
+
+def _facts(summary: Mapping[str, Any]) -> dict[str, Any]:
+    """Frames and cells of a map."""
+    return {"frames": summary["frames"], "cells": None if summary["map"] is None else summary["map"]["cells"]}
+
+
+def _tell(out: Path, names: Sequence[str], errors: Mapping[str, str], config: Config) -> dict[str, Any]:
+    """Write the page and the summary; what the summary holds."""
+    summaries = {name: _summary(out / name) for name in names}
+    reasons = {name: errors.get(name, "not mapped") for name in names}
+    write_text(out / "report.html", _page(out, summaries, reasons, config), durable=False)
+    found = {name: {"error": reasons[name]} if s is None else _facts(s) for name, s in summaries.items()}
+    write_text(out / "summary.json", json.dumps({"recordings": found}, indent=2) + "\n")
+    return {"recordings": found}
+
+
+def _page(
+    out: Path, summaries: Mapping[str, dict[str, Any] | None], reasons: Mapping[str, str], config: Config
+) -> str:
+    from swardmap.viz.maps_page import MappedRecording, maps_page
+
+    told = [
+        MappedRecording(name, {}, error=reasons[name])
+        if summary is None
+        else MappedRecording(name, summary, _picture(out / name))
+        for name, summary in summaries.items()
+    ]
+    settings = config_to_yaml(config, comments=False)
+    return maps_page(told, config.grid.resolution_m, settings, typed_command() or "made from Python")
+
+
+def _picture(folder: Path) -> str:
+    from swardmap.viz.maps_page import thumbnail
+
+    try:
+        return thumbnail(read_map(folder / "map.yaml"))
+    except SwardmapError:  # no poses: it has no map, or somebody took it away
+        return ""
