@@ -86,7 +86,8 @@ def living_map(file: Path, config: Config) -> tuple[Read, tuple[bytes, ...]]:
 def assets(corpus: Path) -> tuple[Read, tuple[bytes, ...]]:
     """A bundle with a model, its texture and an array, all of which are read."""
     from swardmap.synth.asset_bundle import open_bundle
-    from swardmap.synth.assets import Source, assets_of
+    from swardmap.synth.asset_entries import Source
+    from swardmap.synth.assets import assets_of
     from swardmap.synth.model import Material, Texture
     from tools.bake_assets.bundle import BundleWriter
 

@@ -10,9 +10,10 @@ from swardmap.geometry import Intrinsics, Pose, mount_pose
 from swardmap.labels import OTHER, PERSON, VOID_ID
 from swardmap.synth import analytic
 from swardmap.synth.config import RigConfig, SynthConfig
-from swardmap.synth.model import Float32Array, Garden, Light, Model, Terrain, Thing, View
+from swardmap.synth.model import Float32Array, Garden, Light, Model, Thing, View
 from swardmap.synth.shapes import box, placed
 from swardmap.synth.stage import Drive, Stage
+from swardmap.synth.terrain import Terrain
 
 SIZE_M, TEXEL_M = 16.0, 0.25
 

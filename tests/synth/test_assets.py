@@ -16,7 +16,8 @@ from hypothesis import strategies as st
 from swardmap.errors import InputError, MissingExtraError
 from swardmap.synth import assets as assets_module
 from swardmap.synth.asset_bundle import packed_normals, quantised, unpacked_normals, unquantised
-from swardmap.synth.assets import Assets, Source, open_assets
+from swardmap.synth.asset_entries import Source
+from swardmap.synth.assets import Assets, open_assets
 from swardmap.synth.model import Material, Mesh, Texture
 from swardmap.synth.shapes import box, sphere
 from tools.bake_assets.attribution import document

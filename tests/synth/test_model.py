@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 
 from swardmap.errors import InvalidValueError
 from swardmap.labels import PERSON
-from swardmap.synth.model import Float64Array, Garden, Material, Mesh, Model, Terrain, Texture, Thing
+from swardmap.synth.model import Float64Array, Garden, Material, Mesh, Model, Texture, Thing
 from swardmap.synth.shapes import box, placed
+from swardmap.synth.terrain import Terrain
 
 
 def ground_of(height: np.ndarray, lawn: np.ndarray | None = None, texel: float = 0.5) -> Terrain:

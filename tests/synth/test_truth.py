@@ -13,8 +13,9 @@ from swardmap.grid import GridSpec
 from swardmap.labels import GRASS, OTHER, PERSON, LabelClass, MapClass
 from swardmap.synth import analytic
 from swardmap.synth.config import MapConfig
-from swardmap.synth.model import Actor, Garden, Material, Mesh, Model, Surface, Terrain, Thing
+from swardmap.synth.model import Actor, Garden, Material, Mesh, Model, Thing
 from swardmap.synth.shapes import box, cylinder, mesh_of, placed, sphere
+from swardmap.synth.terrain import Surface, Terrain
 from swardmap.synth.truth import frame_map, ground_classes, scene_map
 
 MARGIN = 2e-5

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from swardmap.io.files import write_bytes
 from swardmap.synth.asset_bundle import FORMAT, NAME, packed_normals, quantised
-from swardmap.synth.assets import Source
+from swardmap.synth.asset_entries import Source
 from swardmap.synth.model import Mesh
 
 LONG_AGO = (1980, 1, 1, 0, 0, 0)

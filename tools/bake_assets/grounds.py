@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from swardmap.synth.assets import Source
+from swardmap.synth.asset_entries import Source
 from tools.bake_assets.bundle import BundleWriter
 
 N = 512

@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from swardmap.synth.assets import Source
+from swardmap.synth.asset_entries import Source
 from swardmap.synth.model import Material, Mesh, Texture
 from swardmap.synth.shapes import moved, placed
 from tools.bake_assets.bundle import BundleWriter

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swardmap.io.images import decode
-from swardmap.synth.assets import Source
+from swardmap.synth.asset_entries import Source
 from swardmap.synth.model import Material, Mesh, Texture
 from swardmap.synth.shapes import mesh_of
 from tools.bake_assets.bundle import BundleWriter

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from swardmap.synth.assets import Source
+from swardmap.synth.asset_entries import Source
 from tools.bake_assets.bundle import BundleWriter
 
 SOURCE = Source(

@@ -4,7 +4,6 @@ import hashlib
 import importlib.util
 import os
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeVar
@@ -23,6 +22,7 @@ from swardmap.synth.asset_bundle import (
     unpacked_normals,
     unquantised,
 )
+from swardmap.synth.asset_entries import ModelEntry, Source, TextureEntry, model_entry_of, texture_entry_of
 from swardmap.synth.model import Material, Mesh, Model, Texture
 
 VARIABLE = "SWARDMAP_GARDEN_ASSETS"
@@ -36,72 +36,6 @@ MAX_TEXTURE_PIXELS = 2048 * 2048
 
 Arrays = Mapping[str, NDArray[Any]]
 T = TypeVar("T")
-
-
-@dataclass(frozen=True, slots=True)
-class Source:
-    """Where an asset comes from, for the attribution.
-
-    Attributes:
-        title: what its author calls it.
-        author: who made it.
-        licence: SPDX identifier, such as CC-BY-3.0.
-        package: package and version that it was baked from.
-        changes: what the bake did to it.
-    """
-
-    title: str
-    author: str
-    licence: str
-    package: str
-    changes: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class ModelEntry:
-    """What the index says of a model, known without reading its shape.
-
-    Attributes:
-        name, kind: such as park-bench of kind bench.
-        low_m, high_m: corners of the box around it.
-        triangles: how many.
-        source: for the attribution.
-        pose: of a person or animal: standing, sitting, lying ...; empty for the rest.
-        seat_m: height of the seat that somebody who sits needs beneath; 0 = none, or sits on the ground.
-        tags: such as child, female, conifer.
-    """
-
-    name: str
-    kind: str
-    low_m: tuple[float, float, float]
-    high_m: tuple[float, float, float]
-    triangles: int
-    source: Source
-    pose: str = ""
-    seat_m: float = 0.0
-    tags: tuple[str, ...] = ()
-
-    @property
-    def size_m(self) -> tuple[float, float, float]:
-        """Length (x, back to front), width (y) and height (z)."""
-        x, y, z = (high - low for low, high in zip(self.low_m, self.high_m, strict=True))
-        return x, y, z
-
-
-@dataclass(frozen=True, slots=True)
-class TextureEntry:
-    """What the index says of a texture.
-
-    Attributes:
-        name, kind: such as gravel-grey of kind gravel; `skin` if it belongs to a model.
-        tile_m: how far it reaches on a surface before it repeats (width, height); 0 = it does not.
-        source: for the attribution.
-    """
-
-    name: str
-    kind: str
-    tile_m: tuple[float, float]
-    source: Source
 
 
 class Assets:
@@ -124,10 +58,10 @@ class Assets:
             digest.update(bundle.digest)
             for name, entry in bundle.index["models"].items():
                 self._own("models", name, bundle)
-                self._models[name] = _model_entry(name, entry)
+                self._models[name] = model_entry_of(name, entry)
             for name, entry in bundle.index["textures"].items():
                 self._own("textures", name, bundle)
-                self._textures[name] = _texture_entry(name, entry)
+                self._textures[name] = texture_entry_of(name, entry)
             for name, entry in bundle.index["arrays"].items():
                 self._own("arrays", name, bundle)
                 self._arrays[name] = Source(**entry["source"])
@@ -191,7 +125,7 @@ class Assets:
             **{f"texture {name}": entry.source for name, entry in self._textures.items()},
             **{f"arrays {name}": source for name, source in self._arrays.items()},
         }
-        return "".join(f"- {what}: {_line(source)}\n" for what, source in sorted(sources.items()))
+        return "".join(f"- {what}: {source}\n" for what, source in sorted(sources.items()))
 
     def _own(self, part: str, name: str, bundle: Bundle) -> None:
         if (part, name) in self._bundles:
@@ -279,20 +213,6 @@ def _find() -> Path:
     raise MissingExtraError(f"The garden assets are not installed. {INSTALL}")
 
 
-def _model_entry(name: str, entry: Mapping[str, Any]) -> ModelEntry:
-    low, high = ((float(x), float(y), float(z)) for x, y, z in (entry["low_m"], entry["high_m"]))
-    source, tags = Source(**entry["source"]), tuple(str(tag) for tag in entry["tags"])
-    return ModelEntry(
-        name, str(entry["kind"]), low, high, int(entry["triangles"]), source,
-        str(entry["pose"]), float(entry["seat_m"]), tags,
-    )  # fmt: skip
-
-
-def _texture_entry(name: str, entry: Mapping[str, Any]) -> TextureEntry:
-    width, height = (float(value) for value in entry["tile_m"])
-    return TextureEntry(name, str(entry["kind"]), (width, height), Source(**entry["source"]))
-
-
 def _texture_of(bundle: Bundle, name: str) -> Texture:
     image = decode(bundle.read("textures", name), f"{bundle.path}: textures/{name}")
     if image.dtype != np.uint8 or image.ndim != 3 or image.shape[0] * image.shape[1] > MAX_TEXTURE_PIXELS:
@@ -308,8 +228,3 @@ def _read_only(arrays: dict[str, NDArray[Any]]) -> Arrays:
     for array in arrays.values():
         array.flags.writeable = False
     return MappingProxyType(arrays)
-
-
-def _line(source: Source) -> str:
-    changes = f"; {source.changes}" if source.changes else ""
-    return f"'{source.title}' by {source.author}, {source.licence}, from {source.package}{changes}"

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from swardmap.geometry import Intrinsics, Pose
 from swardmap.io.sources.truth import FIRST_AREA, GroundRaster, KnownThing
 from swardmap.labels import GRASS
-from swardmap.synth.model import Surface, Terrain, Thing, View
+from swardmap.synth.model import Thing, View
+from swardmap.synth.terrain import Surface, Terrain
 
 
 def instance_ids(

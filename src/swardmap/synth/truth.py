@@ -23,7 +23,8 @@ from swardmap.grid import GridSpec, OccupancyGrid
 from swardmap.labels import MAP_CLASS_OF_ROLE, MapClass
 from swardmap.synth.config import MapConfig
 from swardmap.synth.footprints import clipped, cross, to_cells, touch
-from swardmap.synth.model import Float64Array, Garden, Mesh, Terrain, Thing
+from swardmap.synth.model import Float64Array, Garden, Mesh, Thing
+from swardmap.synth.terrain import Terrain
 
 BoolArray = NDArray[np.bool_]
 

@@ -7,9 +7,10 @@ from hypothesis import strategies as st
 
 from swardmap.errors import InvalidValueError
 from swardmap.labels import OTHER, PERSON
-from swardmap.synth.model import Model, Terrain
+from swardmap.synth.model import Model
 from swardmap.synth.people.path import Mover, Path, cyclist, walker
 from swardmap.synth.shapes import box
+from swardmap.synth.terrain import Terrain
 from tests.synth.people.bodies import assets
 
 RING = Path(3.0 * np.stack((np.cos(np.arange(24) * np.pi / 12), np.sin(np.arange(24) * np.pi / 12)), 1), True)

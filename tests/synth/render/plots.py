@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swardmap.geometry import Intrinsics, Pose, mount_pose
-from swardmap.synth.model import Float64Array, Garden, Light, Surface, Terrain, Thing
+from swardmap.synth.model import Float64Array, Garden, Light, Thing
+from swardmap.synth.terrain import Surface, Terrain
 
 LENS = Intrinsics(160, 120, 140.0, 141.0, 80.3, 58.9)
 TEXEL_M = 0.04

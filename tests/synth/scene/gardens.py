@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from swardmap.synth.model import Float64Array, Garden, Terrain, Thing
+from swardmap.synth.model import Float64Array, Garden, Thing
 from swardmap.synth.scene.garden import build_garden
+from swardmap.synth.terrain import Terrain
 from tests.synth.people.bodies import assets
 
 SEEDS = range(6)

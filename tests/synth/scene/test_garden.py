@@ -12,9 +12,10 @@ import pytest
 
 from swardmap.errors import InvalidValueError
 from swardmap.labels import GRASS, OTHER, PERSON
-from swardmap.synth.model import Garden, Surface, Thing
+from swardmap.synth.model import Garden, Thing
 from swardmap.synth.scene.areas import inside_convex_m
 from swardmap.synth.scene.garden import build_garden
+from swardmap.synth.terrain import Surface
 from tests.synth.people.bodies import assets
 from tests.synth.scene.gardens import (
     OUTLINES,

@@ -5,10 +5,11 @@ import colorsys
 import numpy as np
 import pytest
 
-from swardmap.synth.model import Float32Array, Garden, Surface
+from swardmap.synth.model import Float32Array, Garden
 from swardmap.synth.scene.ground import signed_distance_m
 from swardmap.synth.scene.lawn_look import HUE_DEG, SATURATION, VALUE, lawn_look
 from swardmap.synth.scene.lot import plan_lot
+from swardmap.synth.terrain import Surface
 from tests.synth.scene.gardens import SEEDS, garden
 
 each_garden = pytest.mark.parametrize("seed", SEEDS)

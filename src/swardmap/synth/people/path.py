@@ -6,13 +6,14 @@ import numpy as np
 
 from swardmap.errors import InvalidValueError
 from swardmap.labels import OTHER, PERSON, LabelClass
-from swardmap.synth.model import Float64Array, Model, Terrain, Thing
+from swardmap.synth.model import Float64Array, Model, Thing
 from swardmap.synth.people.body import Assets
 from swardmap.synth.people.figure import figure_of
 from swardmap.synth.people.gait import gait_of, step_meshes
 from swardmap.synth.people.riding import Fit, astride, bicycles, fit_of, rider
 from swardmap.synth.people.worn import Figure
 from swardmap.synth.shapes import placed
+from swardmap.synth.terrain import Terrain
 
 PHASES = 16
 

@@ -3,8 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from swardmap.synth.model import Float32Array, Terrain
+from swardmap.synth.model import Float32Array
 from swardmap.synth.scene.lawn_look import STRAW
+from swardmap.synth.terrain import Terrain
 
 TILE_M = 1.0
 FULL_PER_M2 = 1500

@@ -7,8 +7,9 @@ import cv2
 import numpy as np
 
 from swardmap.synth.assets import Assets
-from swardmap.synth.model import Float32Array, Surface
+from swardmap.synth.model import Float32Array
 from swardmap.synth.render.context import Context
+from swardmap.synth.terrain import Surface
 
 SIZE = 512
 LARGEST = 3.0

@@ -5,11 +5,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swardmap.synth.model import Terrain
 from swardmap.synth.render.camera import RenderCamera
 from swardmap.synth.render.context import Context, Program, set_uniforms
 from swardmap.synth.render.detail import Details
 from swardmap.synth.render.textures import SRGB8_ALPHA8, srgba_of
+from swardmap.synth.terrain import Terrain
 
 Int32Array = NDArray[np.int32]
 

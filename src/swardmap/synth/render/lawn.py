@@ -5,11 +5,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swardmap.synth.model import Float64Array, Terrain
+from swardmap.synth.model import Float64Array
 from swardmap.synth.render.blades import FULL_PER_M2, TILE_M, tufts
 from swardmap.synth.render.camera import RenderCamera
 from swardmap.synth.render.context import Context, Program, layout_of, set_uniforms
 from swardmap.synth.scene.lawn_look import STRAW
+from swardmap.synth.terrain import Terrain
 
 FULL_TO_M, END_M, GONE_M = 2.2, 10.0, 16.0
 NEAR_M = 4.0

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from swardmap.synth.model import Float32Array, Float64Array, Surface
+from swardmap.synth.model import Float32Array, Float64Array
+from swardmap.synth.terrain import Surface
 
 XY = tuple[float, float]
 

@@ -2,12 +2,13 @@
 
 import numpy as np
 
-from swardmap.synth.model import Float64Array, Model, Surface, Terrain, Thing
+from swardmap.synth.model import Float64Array, Model, Thing
 from swardmap.synth.scene.lot import Lot
 from swardmap.synth.scene.materials import leaves
 from swardmap.synth.scene.place import Footprint, Occupancy, footprint_of, upright
 from swardmap.synth.scene.plants import hedge_part
 from swardmap.synth.scene.structures import FENCE_STYLES, fence_part, house, shed, wall_part
+from swardmap.synth.terrain import Surface, Terrain
 
 MAX_STEP_M = 0.11  # between the ends of a piece; more of it would stick out of the slope or hang over it
 WAYS = (Surface.GRAVEL, Surface.PAVING, Surface.DIRT, Surface.CONCRETE, Surface.WATER)

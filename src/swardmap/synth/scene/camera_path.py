@@ -7,10 +7,11 @@ import numpy as np
 from swardmap.errors import InvalidValueError
 from swardmap.geometry import Intrinsics, Pose, mount_pose
 from swardmap.labels import PERSON
-from swardmap.synth.model import MAP_FRAME, Float64Array, Garden, Terrain
+from swardmap.synth.model import MAP_FRAME, Float64Array, Garden
 from swardmap.synth.scene.areas import inside_convex_m
 from swardmap.synth.scene.clearance import Clearance, clearance_of
 from swardmap.synth.scene.lanes import BORDER_M, THINGS_M, there_and_back, timed, to_and_fro, wander
+from swardmap.synth.terrain import Terrain
 
 WHEELS_M = (0.25, 0.2)  # half the wheelbase, half the gauge
 ACTORS_M = 0.7  # the camera keeps this far from the middle of whoever moves

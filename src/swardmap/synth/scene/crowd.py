@@ -5,13 +5,14 @@ from numpy.typing import NDArray
 
 from swardmap.labels import PERSON
 from swardmap.synth.assets import Assets
-from swardmap.synth.model import Actor, Float64Array, Model, Terrain, Thing
+from swardmap.synth.model import Actor, Float64Array, Model, Thing
 from swardmap.synth.people.path import Mover, Path, cyclist, walker
 from swardmap.synth.scene.areas import curve
 from swardmap.synth.scene.figures import Stroller, figure, somebody
 from swardmap.synth.scene.place import XY, Footprint, Occupancy, footprint_of, sunk_m, tilted, upright
 from swardmap.synth.scene.sites import Sites, jittered
 from swardmap.synth.scene.small_objects import animal
+from swardmap.synth.terrain import Terrain
 
 HIDERS = ("shrub", "tree", "hedge", "fence", "raised bed", "bin", "wall", "trellis")
 COUNT_SHARES = (0.04, 0.12, 0.2, 0.24, 0.2, 0.13, 0.07)  # of gardens with 0-6 people who keep their place

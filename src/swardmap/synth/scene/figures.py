@@ -6,7 +6,7 @@ import numpy as np
 
 from swardmap.labels import PERSON
 from swardmap.synth.assets import Assets
-from swardmap.synth.model import Material, Model, Terrain, Thing
+from swardmap.synth.model import Material, Model, Thing
 from swardmap.synth.people.figure import person
 from swardmap.synth.people.path import Path, beside_bicycle
 from swardmap.synth.people.poses import POSES
@@ -15,6 +15,7 @@ from swardmap.synth.scene.lawn_look import linear_of_hsv
 from swardmap.synth.scene.materials import wood
 from swardmap.synth.scene.place import upright
 from swardmap.synth.shapes import box, cylinder, ellipsoid, model_of, moved, placed, sphere, tube
+from swardmap.synth.terrain import Terrain
 
 BODY_SHARE = 0.7  # of people are bodies with clothes, the rest ready-made
 ASTRIDE_SHARE = 0.07  # of those with a body stand over a bicycle

@@ -5,12 +5,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from swardmap.synth.assets import Assets
-from swardmap.synth.model import Model, Terrain, Thing
+from swardmap.synth.model import Model, Thing
 from swardmap.synth.scene.materials import leaves
 from swardmap.synth.scene.place import Footprint, Occupancy, footprint_of, sunk_m, tilted, upright
 from swardmap.synth.scene.plants import ground_cover
 from swardmap.synth.scene.recipes import ThingKind
 from swardmap.synth.scene.sites import Sites, jittered
+from swardmap.synth.terrain import Terrain
 
 TRIES = 14
 MAX_ASSET_TRIANGLES = 24_000

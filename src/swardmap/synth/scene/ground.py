@@ -9,12 +9,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from swardmap.synth.model import Float32Array, Surface, Terrain
+from swardmap.synth.model import Float32Array
 from swardmap.synth.scene.areas import Area, Strip
 from swardmap.synth.scene.lawn_look import LawnLook
 from swardmap.synth.scene.lot import Lot
 from swardmap.synth.scene.noise import smooth_noise, smoothstep
 from swardmap.synth.scene.paint import lawn_paint, surface_color
+from swardmap.synth.terrain import Surface, Terrain
 
 MARGIN_M = 4.0
 BARE_LEVEL = 1.9  # of a field of mean 0 and deviation 1 above which a bare lawn shows its soil

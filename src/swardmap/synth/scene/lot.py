@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from swardmap.synth.model import Float64Array, Surface
+from swardmap.synth.model import Float64Array
 from swardmap.synth.scene.areas import Area, Blob, Rectangle, Strip, curve
+from swardmap.synth.terrain import Surface
 
 EDGINGS = ("fence", "hedge", "wall", "wire", "open")
 

@@ -5,9 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from swardmap.synth.model import Float32Array, Surface
+from swardmap.synth.model import Float32Array
 from swardmap.synth.scene.lawn_look import SOIL, STRAW, LawnLook, linear_of_hsv
 from swardmap.synth.scene.noise import smooth_noise, smoothstep
+from swardmap.synth.terrain import Surface
 
 CLOVER_HUE, MOSS_HUE = 98.0, 66.0  # of their leaves, sRGB degrees
 

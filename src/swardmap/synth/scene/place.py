@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from swardmap.synth.model import Float64Array, Model, Terrain
+from swardmap.synth.model import Float64Array, Model
 from swardmap.synth.shapes import placed
+from swardmap.synth.terrain import Terrain
 
 XY = tuple[float, float]
 

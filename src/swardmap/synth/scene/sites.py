@@ -5,10 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from swardmap.synth.model import Float64Array, Surface, Terrain
+from swardmap.synth.model import Float64Array
 from swardmap.synth.scene.areas import inside_convex_m
 from swardmap.synth.scene.lot import Lot
 from swardmap.synth.scene.place import XY
+from swardmap.synth.terrain import Surface, Terrain
 
 BEDS = (Surface.MULCH, Surface.DIRT, Surface.GROUND_COVER)
 HARD = (Surface.GRAVEL, Surface.PAVING, Surface.CONCRETE, Surface.WOOD)

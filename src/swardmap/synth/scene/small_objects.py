@@ -155,35 +155,24 @@ def low_object(rng: np.random.Generator) -> Model:
     )
 
 
+BIRD_BATH = [
+    (0, 0), (0.18, 0), (0.16, 0.06), (0.07, 0.14), (0.06, 0.6), (0.12, 0.68), (0.3, 0.74),
+    (0.28, 0.75), (0, 0.69),
+]  # fmt: skip
+BUST = [
+    (0, 0), (0.2, 0), (0.21, 0.18), (0.06, 0.28), (0.055, 0.34), (0.09, 0.4), (0.1, 0.5),
+    (0.06, 0.6), (0, 0.62),
+]  # fmt: skip
+"""Outlines: radius and height, from below."""
+
+
 def garden_figure(rng: np.random.Generator) -> Model:
     """A gnome, a bird bath, a stone lantern or a bust on a plinth: no person."""
     kind, rock = int(rng.integers(4)), stone(rng)
     if kind == 0:
-        skin = Material((0.5, 0.3, 0.22))
-        parts = [
-            cylinder(0.08, 0.2, 12, 0.06, paint(rng)),
-            moved(sphere(0.055, 8, 12, skin), placed(0, 0, 0.19)),
-            moved(cylinder(0.06, 0.14, 12, 0.005, paint(rng)), placed(0, 0, 0.27)),
-            moved(ellipsoid((0.03, 0.05, 0.06), 6, 10, WHITE), placed(0.035, 0, 0.14)),
-        ]
+        parts = _gnome(rng)
     elif kind == 1:
-        parts = [
-            lathe(
-                [
-                    (0, 0),
-                    (0.18, 0),
-                    (0.16, 0.06),
-                    (0.07, 0.14),
-                    (0.06, 0.6),
-                    (0.12, 0.68),
-                    (0.3, 0.74),
-                    (0.28, 0.75),
-                    (0, 0.69),
-                ],
-                20,
-                rock,
-            )
-        ]
+        parts = [lathe(BIRD_BATH, 20, rock)]
     elif kind == 2:
         parts = [
             box((0.3, 0.3, 0.1), rock),
@@ -192,28 +181,18 @@ def garden_figure(rng: np.random.Generator) -> Model:
             moved(cylinder(0.26, 0.18, 4, 0.03, rock), placed(0, 0, 0.7)),
         ]
     else:
-        parts = [
-            box((0.4, 0.4, 0.7), rock),
-            moved(
-                lathe(
-                    [
-                        (0, 0),
-                        (0.2, 0),
-                        (0.21, 0.18),
-                        (0.06, 0.28),
-                        (0.055, 0.34),
-                        (0.09, 0.4),
-                        (0.1, 0.5),
-                        (0.06, 0.6),
-                        (0, 0.62),
-                    ],
-                    18,
-                    rock,
-                ),
-                placed(0, 0, 0.7),
-            ),
-        ]
+        parts = [box((0.4, 0.4, 0.7), rock), moved(lathe(BUST, 18, rock), placed(0, 0, 0.7))]
     return model_of("garden figure", parts)
+
+
+def _gnome(rng: np.random.Generator) -> list[Mesh]:
+    skin = Material((0.5, 0.3, 0.22))
+    return [
+        cylinder(0.08, 0.2, 12, 0.06, paint(rng)),
+        moved(sphere(0.055, 8, 12, skin), placed(0, 0, 0.19)),
+        moved(cylinder(0.06, 0.14, 12, 0.005, paint(rng)), placed(0, 0, 0.27)),
+        moved(ellipsoid((0.03, 0.05, 0.06), 6, 10, WHITE), placed(0.035, 0, 0.14)),
+    ]
 
 
 def rock(rng: np.random.Generator) -> Model:
