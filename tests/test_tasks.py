@@ -63,6 +63,9 @@ def test_a_bag_is_mapped_as_the_page_says(tmp_path: Path) -> None:
     made = run_shown(f"swardmap record {DEMO} -o drive.mcap", tmp_path)
     assert made.returncode == 0, made.stderr
     (tmp_path / "lawn.kml").write_text(LAWN)
+    (tmp_path / "drives").mkdir()
+    for day in ("monday", "friday"):
+        shutil.copy(tmp_path / "drive.mcap", tmp_path / f"drives/{day}.mcap")
     commands = shown_commands("docs/tasks/map.md")
     assert len(commands) >= 6
     for command in commands:
@@ -72,6 +75,7 @@ def test_a_bag_is_mapped_as_the_page_says(tmp_path: Path) -> None:
         assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
     assert (tmp_path / "my_map/report.html").stat().st_size < 20_000_000
     assert (tmp_path / "my_map/map.yaml").is_file()
+    assert 'href="monday/report.html"' in (tmp_path / "maps/report.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.slow
