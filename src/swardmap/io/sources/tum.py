@@ -26,6 +26,8 @@ COLOR_LIST, DEPTH_LIST, POSES_FILE = "rgb.txt", "depth.txt", "groundtruth.txt"
 ASSOCIATIONS = ("associations.txt", "associate.txt", "associated.txt")
 DEPTH_UNIT_M = 1 / 5000
 KINECT = (525.0, 525.0, 319.5, 239.5)
+MAX_IMAGES = 200_000
+"""In a list: five hours, ten a second. All names of a sequence are held at once."""
 
 Stamped = tuple[int, Path]
 
@@ -68,7 +70,7 @@ def _pairs(path: Path, config: SourceConfig) -> Iterator[tuple[Stamped, Stamped]
     """Colour and depth by the file that says so, else neighbours in time."""
     file = _associations(path)
     if file is not None:
-        for number, words in numbered_lines(file, commas=True):
+        for number, words in numbered_lines(file, commas=True, most=MAX_IMAGES):
             if len(words) != 4:
                 raise InputError(
                     f"{file}, line {number}: expected 'time colour time depth', got {len(words)} words"
@@ -89,7 +91,7 @@ def _pairs(path: Path, config: SourceConfig) -> Iterator[tuple[Stamped, Stamped]
 def _list(path: Path, name: str) -> list[Stamped]:
     file = path / name
     images = []
-    for number, words in numbered_lines(file, commas=True):
+    for number, words in numbered_lines(file, commas=True, most=MAX_IMAGES):
         if len(words) != 2:
             raise InputError(f"{file}, line {number}: expected 'time file', got {len(words)} words")
         images.append(_stamped(path, words, file, number))
