@@ -24,7 +24,9 @@ import numpy as np
 
 ROOT = Path(__file__).parent.parent
 FRAMES, MS, START_NS = 60, 1_000_000, 1_700_000_000_000_000_000
-KINDS = ("rgb8, not packed", "rgb8", "rgb8, not aligned", "yuyv", "nv12", "bayer", "png")
+KINDS = ("rgb8, not packed", "rgb8", "rgb8, not aligned", "rgb8, tf 3 s late", "yuyv", "nv12", "bayer", "png")
+LATE_NS = 3_000_000_000
+"""Transforms that were written so long after their time: a reader of its own goes ahead for them."""
 
 
 def made(kind: str, folder: Path) -> Path:
@@ -48,11 +50,12 @@ def made(kind: str, folder: Path) -> Path:
     shift[0, 3] = -0.05
     static = [mount, *([type(mount)("color", "depth", shift)] if depth_frame == "depth" else [])]
     events: list[bags.Event] = [(START_NS - 1, "/tf_static", bags.TF, rf.tf_fields(static, START_NS))]
+    late_ns = LATE_NS if kind.endswith("late") else 0
     for k in range(-5, 50 * FRAMES // 30 + 20):
         t = START_NS + k * 20 * MS
         here = np.eye(4)
         here[0, 3] = 0.01 * k
-        events.append((t, "/tf", bags.TF, rf.tf_fields([type(mount)("map", "base", here)], t)))
+        events.append((t + late_ns, "/tf", bags.TF, rf.tf_fields([type(mount)("map", "base", here)], t)))
     for i in range(FRAMES):
         t = START_NS + i * 33 * MS
         topic, name, fields = color_message(kind, rgb, t, color_frame)
