@@ -17,7 +17,8 @@ from typing import Any
 
 from swardmap.config import Config, config_to_dict, config_to_yaml
 from swardmap.errors import InvalidValueError, SwardmapError, one_line
-from swardmap.io.files import read_bytes, refuse_to_replace, write_text
+from swardmap.io.door import read_json, reading
+from swardmap.io.files import refuse_to_replace, write_text
 from swardmap.io.maps.map_files import read_map
 from swardmap.runs.files import typed_command
 from swardmap.runs.parallel import OnDone, Tick, each_part
@@ -117,12 +118,14 @@ def _map_one(config: Config, out: Path, strict: bool, recording: Recording, tick
 
 def _summary(folder: Path) -> dict[str, Any] | None:
     """What is told of a map that is there and whole; None if it is not."""
+    file, shape = folder / "summary.json", {"interrupted": bool, "frames": int, "map": Any}
     try:
-        summary: dict[str, Any] = json.loads(read_bytes(folder / "summary.json", MAX_SUMMARY_BYTES))
-        _facts(summary)
-        return None if summary["interrupted"] else summary
-    except (SwardmapError, ValueError, KeyError, TypeError, RecursionError):
+        with reading(file, "the summary of a map"):
+            summary: dict[str, Any] = read_json(file, shape, MAX_SUMMARY_BYTES)
+            _facts(summary)
+    except SwardmapError:
         return None
+    return None if summary["interrupted"] else summary
 
 
 def _facts(summary: Mapping[str, Any]) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from swardmap.errors import InputError, OutputError
+from swardmap.io.door import reading
 from swardmap.io.files import read_bytes, write_text
 from swardmap.io.folders import (
     MARKER,
@@ -76,13 +77,12 @@ def read_plan_file(out: Path) -> Mapping[str, Any]:
     Raises:
         InputError: if there is none, or it is damaged.
     """
-    content = read_bytes(out / PLAN_FILE, MAX_PLAN_BYTES)
-    try:
+    file, more = out / PLAN_FILE, "pass --overwrite to begin anew"
+    content = read_bytes(file, MAX_PLAN_BYTES)
+    with reading(file, "a plan", more=more):
         plan = json.loads(content)
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"cannot read {out / PLAN_FILE}: {error}; pass --overwrite to begin anew") from error
     if not isinstance(plan, dict):
-        raise InputError(f"{out / PLAN_FILE}: expected a plan, got {type(plan).__name__}; pass --overwrite")
+        raise InputError(f"{file}: expected a plan, got {type(plan).__name__}; {more}")
     return plan
 
 

@@ -166,18 +166,16 @@ def _painted(
 
 
 def _box(box: Any, category: str, where: str) -> NDArray[np.float64]:
-    try:
+    if not isinstance(box, list) or len(box) != 4:
+        raise InputError(f"{where}: '{category}' has neither an outline nor a box")
+    with reading(where, f"a box of '{category}'"):
         x, y, width, height = (float(v) for v in box)
-    except (ValueError, TypeError, OverflowError):
-        raise InputError(f"{where}: '{category}' has neither an outline nor a box") from None
     return np.array([(x, y), (x + width, y), (x + width, y + height), (x, y + height)])
 
 
 def _corners(polygon: Any, where: str) -> NDArray[np.float64]:
-    try:
+    with reading(where, "a polygon"):
         corners = np.asarray(polygon, np.float64).reshape(-1, 2)
-    except (ValueError, TypeError) as error:
-        raise InputError(f"{where}: damaged polygon: {error}") from error
     if len(corners) < 3 or not np.isfinite(corners).all():
         raise InputError(f"{where}: expected polygons of at least three finite corners")
     return corners

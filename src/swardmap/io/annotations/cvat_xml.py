@@ -126,7 +126,7 @@ def _paint_runs(mask: Mask, shape: ET.Element, value: int, where: str) -> None:
 
 
 def _corners(shape: ET.Element, where: str) -> NDArray[np.float64]:
-    try:
+    with reading(where, f"a {shape.tag}"):
         if shape.tag == "box":
             x0, y0, x1, y1 = (float(shape.get(key, "")) for key in ("xtl", "ytl", "xbr", "ybr"))
             corners = _turned(np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)]), shape)
@@ -137,8 +137,6 @@ def _corners(shape: ET.Element, where: str) -> NDArray[np.float64]:
         else:
             words = shape.get("points", "").split(";")
             corners = np.array([[float(v) for v in word.split(",")] for word in words]).reshape(-1, 2)
-    except (ValueError, TypeError) as error:
-        raise InputError(f"{where}: damaged {shape.tag}: {error}") from error
     if len(corners) < 3 or not np.isfinite(corners).all():
         raise InputError(f"{where}: expected polygons of at least three finite corners")
     return corners

@@ -180,13 +180,11 @@ def fill_polygon(mask: Mask, corners: NDArray[np.float64], value: int, where: st
     Raises:
         InputError: if it has fewer than three finite corners, or more edges than can be drawn.
     """
-    try:
+    with reading(where, "a polygon"):
         low, high = np.floor(corners.min(axis=0)), np.ceil(corners.max(axis=0))
         (left, top), (right, bottom) = np.clip([low, high], 0, mask.shape[::-1]).astype(int)
         part = mask[top:bottom, left:right]
         part[points_inside(np.arange(left, right) + 0.5, np.arange(top, bottom) + 0.5, corners)] = value
-    except (InvalidValueError, ValueError) as error:
-        raise InputError(f"{where}: {error}") from error
 
 
 def runs_to_flat(runs: Sequence[int] | NDArray[np.int64], size: int, where: str) -> NDArray[np.bool_]:

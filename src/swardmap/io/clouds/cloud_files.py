@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swardmap.errors import InputError, InvalidValueError, OutputError
+from swardmap.errors import InputError, OutputError
 from swardmap.io.clouds import pcd, ply
 from swardmap.io.clouds.bin_files import KITTI_POINT, find_labels, points_of_bin
-from swardmap.io.door import through_door
+from swardmap.io.door import parse_json, reading, through_door
 from swardmap.io.files import read_bytes, write_bytes, write_together
 from swardmap.labels import LabelClass, LabelSet, Role
 from swardmap.types import LabeledCloud
@@ -224,24 +224,22 @@ def _own_comment(cloud: LabeledCloud) -> str:
 
 def _parse_own(comment: str) -> Mapping[str, Any]:
     try:
-        own = json.loads(comment) if comment else {}
-    except (ValueError, RecursionError):
+        own: Mapping[str, Any] = parse_json(comment or "{}", "comment", dict)
+    except InputError:  # somebody else's
         return {}
-    return own if isinstance(own, dict) else {}
+    return own
 
 
 def _own_classes(points: Points) -> LabelSet | None:
     if "classes" not in points.own:
         return None
-    try:
+    with reading(points.name, "a list of classes in its comment"):
         return LabelSet(
             tuple(
                 LabelClass(int(i), str(name), Role(role), (int(r), int(g), int(b)))
                 for i, name, role, (r, g, b) in points.own["classes"]
             )
         )
-    except (TypeError, ValueError, InvalidValueError) as error:
-        raise InputError(f"{points.name}: damaged list of classes in its comment: {error}") from error
 
 
 def _as_float32(values: NDArray[Any], path: Path) -> NDArray[np.float32]:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swardmap.errors import InputError
-from swardmap.io.door import through_door
+from swardmap.io.door import reading, through_door
 from swardmap.io.files import read_bytes, write_bytes
 
 MAX_BYTES = 512 * 2**20
@@ -59,14 +59,12 @@ def read_mat(file: Path, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
         )
     arrays: dict[str, NDArray[Any]] = {}
     order = ORDERS[version]
-    try:
+    with reading(file, "a MATLAB file that is whole"):
         for kind, data in _elements(memoryview(content)[HEADER_BYTES:], order):
             for inner_kind, inner in _unpacked(kind, data, order):
                 name, array = _matrix(inner, order, names) if inner_kind == MATRIX else ("", None)
                 if array is not None:
                     arrays[name] = array
-    except (ValueError, zlib.error) as error:
-        raise InputError(f"{file}: damaged or not usable ({error})") from error
     return arrays
 
 

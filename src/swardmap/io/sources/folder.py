@@ -255,10 +255,8 @@ def _read_poses(file: Path) -> list[FolderEntry]:
     entries: list[FolderEntry] = []
     names = set[str]()
     for number, words in numbered_lines(file):
-        try:
+        with reading(f"{file}, line {number}", "a frame"):
             entry = _entry(words)
-        except (ValueError, OverflowError) as error:
-            raise InputError(f"{file}, line {number}: {error}") from error
         if entry.name in names or (entries and entry.stamp_ns < entries[-1].stamp_ns):
             what = "the same name twice" if entry.name in names else "a clock that goes back"
             raise InputError(f"{file}, line {number}: expected frames in order of time, got {what}")

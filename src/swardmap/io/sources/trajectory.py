@@ -10,6 +10,7 @@ import numpy as np
 
 from swardmap.errors import InputError, InvalidValueError
 from swardmap.geometry import Pose, interpolate_pose
+from swardmap.io.door import reading
 from swardmap.io.text_lines import numbered_lines
 
 TUM, QUATERNIONS, MATRICES = 8, 7, 12
@@ -58,11 +59,9 @@ def read_trajectory(file: Path, parent: str = "map") -> Trajectory:
                 f"{file}, line {number}: expected 't tx ty tz qx qy qz qw', the same without t, or the 12 "
                 f"numbers of a 3x4 matrix, the same in every line; got {len(words)} words"
             )
-        try:
+        with reading(f"{file}, line {number}", "a pose"):
             stamps += [seconds_to_ns(words[0])] if columns == TUM else []
             poses.append(_pose([float(word) for word in words[columns == TUM :]], parent))
-        except (ValueError, OverflowError) as error:
-            raise InputError(f"{file}, line {number}: {error}") from error
         if len(stamps) > 1 and stamps[-1] <= stamps[-2]:
             raise InputError(
                 f"{file}, line {number}: expected poses in order of time, got a clock that goes back"
