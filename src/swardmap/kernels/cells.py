@@ -65,34 +65,68 @@ def tell_marks_alone(marks, always_enough, told):  # type: ignore[no-untyped-def
         told[4 * i + 2] = always_enough if marks[i] else np.uint32(0)
 
 
-@compiled()
-def enough_together(classes, points, iy, ix, enough):  # type: ignore[no-untyped-def]
-    """Whether the cells about one hold enough grass, nothing in doubt, and nothing near is marked."""
-    height, width = classes.shape
-    together, doubted, near = np.uint32(0), np.uint32(0), np.uint8(0)
-    for y in range(max(0, iy - 1), min(height, iy + 2)):
-        for x in range(max(0, ix - 1), min(width, ix + 2)):
-            together += points[y, x, 1]
-            doubted |= points[y, x, 0]
-    for y in range(max(0, iy - 2), min(height, iy + 3)):
-        for x in range(max(0, ix - 2), min(width, ix + 3)):
-            near = max(near, classes[y, x])
-    return (together >= enough) & (doubted == 0) & (near < OBSTACLE)
+@compiled(inline="never")
+def _grass_row(points, enough, grass, doubted):  # type: ignore[no-untyped-def]
+    """Points of grass, no more than are enough, and whether any is in doubt; a rim of one cell about them."""
+    for x in range(points.shape[0]):
+        grass[x + 1] = min(points[x, 1], enough)
+        doubted[x + 1] = np.uint8(1) if points[x, 0] > np.uint32(0) else np.uint8(0)
+
+
+@compiled(inline="never")
+def _along(grass, doubted, sums, doubts):  # type: ignore[no-untyped-def]
+    """Points of grass in three cells along a row, and whether any is in doubt."""
+    for x in range(sums.shape[0]):
+        sums[x] = grass[x] + grass[x + 1] + grass[x + 2]
+    for x in range(doubts.shape[0]):
+        doubts[x] = doubted[x] | doubted[x + 1] | doubted[x + 2]
+
+
+@compiled(inline="never")
+def _marked_row(classes, marked, wide):  # type: ignore[no-untyped-def]
+    """Whether one of five cells along a row is marked; a rim of two about them."""
+    for x in range(classes.shape[0]):
+        marked[x + 2] = np.uint8(1) if classes[x] >= OBSTACLE else np.uint8(0)
+    for x in range(wide.shape[0]):
+        wide[x] = marked[x] | marked[x + 1] | marked[x + 2] | marked[x + 3] | marked[x + 4]
+
+
+@compiled(inline="never")
+def _few_row(classes, points, sums, doubts, marks, enough, cleared):  # type: ignore[no-untyped-def]
+    """Which cells of a row are cleared by the three rows of grass and doubt, the five of marks about it."""
+    for x in range(cleared.shape[0]):
+        own, together = points[x, 1], np.uint32(sums[0, x] + sums[1, x] + sums[2, x])
+        against = doubts[0, x] | doubts[1, x] | doubts[2, x] | classes[x]
+        against |= marks[0, x] | marks[1, x] | marks[2, x] | marks[3, x] | marks[4, x]
+        few = (own > np.uint32(0)) & (own < enough)
+        cleared[x] = few & (together >= enough) & (np.uint8(against) == np.uint8(0))
+
+
+@compiled(inline="never")
+def _clear_row(cleared, enough, classes, semantic, points):  # type: ignore[no-untyped-def]
+    for x in range(cleared.shape[0]):
+        if cleared[x]:
+            classes[x], semantic[x], points[x, 1] = GRASS, GRASS, enough
 
 
 @compiled()
 def clear_together(classes, semantic, points, enough):  # type: ignore[no-untyped-def]
-    """observation.clear_together, in place; twice (height, width) uint8, (height, width, 4) uint32."""
+    """observation.clear_together, in place; twice (height, width) uint8, (height, width, 4) uint32.
+
+    Along the rows first, then over three and five of them.
+    """
     height, width = classes.shape
-    cleared = np.zeros(classes.shape, np.bool_)
-    for iy in range(height):
-        for ix in range(width):
-            few = (classes[iy, ix] == 0) & (points[iy, ix, 1] > 0) & (points[iy, ix, 1] < enough)
-            cleared[iy, ix] = few and enough_together(classes, points, iy, ix, enough)
-    for iy in range(height):
-        for ix in range(width):
-            if cleared[iy, ix]:
-                classes[iy, ix], semantic[iy, ix], points[iy, ix, 1] = GRASS, GRASS, enough
+    grass, doubted = np.zeros(width + 2, np.uint32), np.zeros(width + 2, np.uint8)
+    marked = np.zeros(width + 4, np.uint8)
+    sums, doubts = np.zeros((height + 2, width), np.uint32), np.zeros((height + 2, width), np.uint8)
+    marks, cleared = np.zeros((height + 4, width), np.uint8), np.empty(width, np.bool_)
+    for y in range(height):
+        _grass_row(points[y], enough, grass, doubted)
+        _along(grass, doubted, sums[y + 1], doubts[y + 1])
+        _marked_row(classes[y], marked, marks[y + 2])
+    for y in range(height):
+        _few_row(classes[y], points[y], sums[y : y + 3], doubts[y : y + 3], marks[y : y + 5], enough, cleared)
+        _clear_row(cleared, enough, classes[y], semantic[y], points[y])
 
 
 @compiled(inline="never")
