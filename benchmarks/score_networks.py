@@ -5,7 +5,8 @@
 
 The data root is that of the recipes (tools/training_root.py makes it). Per set and network: accuracy, IoU of
 grass, share of obstacle pixels called grass, IoU of persons, in percent. What is missing under the root is
-named and left out. `--by-robot` splits dev by its cameras and shows whether P(not grass) means what it says.
+named and left out. `--by-robot` shows for each camera of dev, for igvc_lawn and for gardens/dev whether
+P(not grass) and P(person) mean what they say.
 """
 
 import argparse
@@ -34,6 +35,10 @@ PATHS = "ensta_3 ensta_7 ensta_15 ensta_ob16"  # no grass is labelled there
 CAMPUS = "ensta_2 ensta_6 ensta_8 ensta_14 ensta_ob7"
 PICTURE = (240, 180)
 COLUMNS = ("accuracy", "grass_iou", "obstacle_called_grass", "person_iou")
+
+EDGES = np.array([0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 1.001])
+EVENTS: dict[str, tuple[tuple[int, ...], bool]] = {"not grass": ((1,), False), "person": ((2,), True)}
+"""Classes, and whether it is one of them or none."""
 
 Image = NDArray[np.uint8]
 Camera = Callable[[Image], Image]
@@ -98,7 +103,7 @@ def main() -> None:
         "--bias", default="0", help="also with these added to the logit of grass, with commas"
     )
     parser.add_argument(
-        "--by-robot", action="store_true", help="reliability of P(not grass) by camera, on dev"
+        "--by-robot", action="store_true", help="reliability of P(not grass) and P(person) by camera"
     )
     parser.add_argument("--pictures", type=Path, help="write photo and masks side by side here, of --stems")
     parser.add_argument("--stems", default="", help="names of dev's or igvc_lawn's photos, with commas")
@@ -109,8 +114,7 @@ def main() -> None:
     segmenters = [OnnxSegmenter(path) for path in paths if path is not None]
     biases = [float(b) for b in arguments.bias.split(",")]
     if arguments.by_robot:
-        for name, segmenter in zip(arguments.networks, segmenters, strict=True):
-            show_reliability(name, segmenter, read_set(SETS[0], arguments.data))
+        show_by_robot(arguments.networks, segmenters, arguments.data)
         return
     if arguments.pictures is not None:
         write_pictures(arguments.pictures, segmenters, arguments.stems.split(","), arguments.data)
@@ -181,38 +185,64 @@ def write_pictures(out: Path, segmenters: Sequence[OnnxSegmenter], stems: Sequen
     cv2.imwrite(str(out), np.vstack(rows)[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 80])
 
 
+def show_by_robot(names: Sequence[str], segmenters: Sequence[OnnxSegmenter], root: Path) -> None:
+    """Reliability of each network for the photos of each camera."""
+    for name, segmenter in zip(names, segmenters, strict=True):
+        for robot, photos in by_robot(root):
+            show_reliability(f"{Path(name).stem} | {robot}", segmenter, photos)
+
+
+def by_robot(root: Path) -> Iterator[tuple[str, list[Photo]]]:
+    """The photos of each camera of dev, and of the other two sets that confidence was fitted on."""
+    dev = read_set(SETS[0], root)
+    for robot in sorted({_camera_of(p) for p in dev}):
+        yield robot, [p for p in dev if _camera_of(p) == robot]
+    for evaluation in SETS:
+        if evaluation.name.startswith("igvc") or evaluation.name == "gardens/dev":
+            yield evaluation.name, read_set(evaluation, root)
+
+
+def _camera_of(photo: Photo) -> str:
+    return photo.stem.rstrip("0123456789").split("_")[0]
+
+
 def show_reliability(name: str, segmenter: OnnxSegmenter, photos: Sequence[Photo]) -> None:
-    """Of the pixels with a P(not grass) in each range: the mean of it, and the share that is no grass."""
-    robots = sorted({p.stem.rstrip("0123456789").split("_")[0] for p in photos})
-    edges = np.array([0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 1.001])
-    for robot in (*robots, ""):
-        sums = np.zeros((len(edges) - 1, 3))
-        for photo, logits in each_logits(segmenter, [p for p in photos if p.stem.startswith(robot)]):
-            probability, truth = _not_grass(logits, segmenter, photo)
-            index = np.digitize(probability, edges) - 1
-            columns = (None, probability, truth.astype(np.float64))
-            sums += np.stack([np.bincount(index, weights=w, minlength=len(sums)) for w in columns], 1)
+    """Of the pixels with a probability in each range: the mean of it, and the share that is so."""
+    sums = {event: np.zeros((len(EDGES) - 1, 3)) for event in EVENTS}
+    for photo, logits in each_logits(segmenter, photos):
+        for event, (classes, holds) in EVENTS.items():
+            probability, truth = (
+                _probability(logits, segmenter, photo, classes),
+                np.isin(photo.codes, classes),
+            )
+            known = photo.codes != VOID_ID
+            p, t = (probability, truth) if holds else (1 - probability, ~truth)
+            index = np.digitize(p[known], EDGES) - 1
+            columns = (None, p[known], t[known].astype(np.float64))
+            sums[event] += np.stack(
+                [np.bincount(index, weights=w, minlength=len(EDGES) - 1) for w in columns], 1
+            )
+    for event, rows in sums.items():
         cells = (
             f"{low:.1f}-{min(high, 1.0):.1f}: " + (f"{p / n:.2f} {t / n:.2f}" if n else "-")
-            for low, high, (n, p, t) in zip(edges, edges[1:], sums, strict=False)
+            for low, high, (n, p, t) in zip(EDGES, EDGES[1:], rows, strict=False)
         )
-        error = np.abs(sums[:, 1] - sums[:, 2]).sum() / sums[:, 0].sum()
-        print(f"{Path(name).stem} | {robot or 'all'} | error {error:.3f} | {' | '.join(cells)}")
+        error = np.abs(rows[:, 1] - rows[:, 2]).sum() / rows[:, 0].sum()
+        print(f"{name} | {event} | error {error:.4f} | {' | '.join(cells)}", flush=True)
 
 
-def _not_grass(
-    logits: NDArray[np.float32], segmenter: OnnxSegmenter, photo: Photo
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def _probability(
+    logits: NDArray[np.float32], segmenter: OnnxSegmenter, photo: Photo, classes: Sequence[int]
+) -> NDArray[np.float64]:
+    """(H, W) P of one of these classes at the size of the photo's mask."""
     spec = segmenter.spec
     scaled = logits[0] / spec.temperature
     exponents = np.exp(scaled - scaled.max(0))
-    grass = spec.channel_ids.index(1)
-    probability = (1 - exponents[grass] / exponents.sum(0)).astype(np.float32)
-    mask = Segmentation(np.zeros(probability.shape, np.uint8), spec.label_set, probability)
+    share = sum(exponents[spec.channel_ids.index(c)] for c in classes) / exponents.sum(0)
+    mask = Segmentation(np.zeros(share.shape, np.uint8), spec.label_set, share.astype(np.float32))
     resized = mask.resized_to(*photo.codes.shape).confidence
     assert resized is not None
-    known = photo.codes != VOID_ID
-    return resized[known].astype(np.float64), photo.codes[known] != 1
+    return resized.astype(np.float64)
 
 
 if __name__ == "__main__":
