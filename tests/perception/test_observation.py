@@ -19,7 +19,7 @@ def test_few_points_clear_with_their_neighbours(classes: np.ndarray, few: np.nda
     cleared, told = clear_together(classes, points, enough)
     grass = convolve(points[..., 1].astype(int), np.ones((3, 3), int), mode="constant")  # SciPy's
     doubt = maximum_filter(points[..., 0], 3, mode="constant")
-    near = maximum_filter(classes, 5, mode="constant")
+    near = maximum_filter(classes, 7, mode="constant")
     may = (classes == MapClass.UNKNOWN) & (points[..., 1] > 0) & (points[..., 1] < enough)
     want = may & (grass >= enough) & (doubt == 0) & (near < MapClass.OBSTACLE)
     np.testing.assert_array_equal(cleared == MapClass.GRASS, want | (classes == MapClass.GRASS))

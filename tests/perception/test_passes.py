@@ -298,6 +298,29 @@ def test_invalid_readings_clear_nothing(flat_lawn: tuple[Frame, Segmentation]) -
     assert seen.counts.no_reading == seen.counts.pixels
 
 
+@pytest.mark.parametrize("backend", ["compiled", "plain"])
+def test_a_wire_that_the_filter_drops_is_no_lawn(flat_lawn: tuple[Frame, Segmentation], backend: str) -> None:
+    """One pixel wide before the lawn: too few neighbours agree with it, and it marks nothing."""
+    frame, segmentation = flat_lawn
+    assert frame.T_map_camera is not None
+    _, ray_y = frame.intrinsics.ray_tables()
+    at_2m = 2.05 / (np.cos(np.deg2rad(30)) - ray_y * np.sin(np.deg2rad(30)))
+    depth = frame.depth.copy()
+    depth[:, 80] = np.fmin(np.where(depth[:, 80] > 0, depth[:, 80], np.inf), at_2m)
+    spec, config = GridSpec(0.1, 80, 80, (0.0, -4.0)), Config(backend=backend)
+    before, after = (
+        observe(replace(frame, depth=d), segmentation, frame.T_map_camera, spec, config).classes
+        for d in (frame.depth, depth)
+    )
+    wire = spec.cell_of(np.array([[2.05, -0.05]]))[0]
+    assert before[wire[1], wire[0]] == MapClass.GRASS
+    assert after[wire[1], wire[0]] == MapClass.UNKNOWN
+    assert np.count_nonzero(before == MapClass.GRASS) - np.count_nonzero(after == MapClass.GRASS) < 12
+    off = replace(config, geometry=replace(config.geometry, enabled=False))
+    level = observe(replace(frame, depth=depth), segmentation, frame.T_map_camera, spec, off).classes
+    assert level[wire[1], wire[0]] == MapClass.GRASS  # what depth says of heights was switched off
+
+
 def test_ids_that_are_not_declared_are_never_free(flat_lawn: tuple[Frame, Segmentation]) -> None:
     frame, segmentation = flat_lawn
     strange = replace(segmentation, labels=np.full_like(segmentation.labels, 99))

@@ -22,13 +22,13 @@ def mark(above, below, raised, enough, marks, holes, doubted):  # type: ignore[n
 
 
 @compiled(inline="never")
-def clear(seen, doubt, above, below, clear_below, level, out):  # type: ignore[no-untyped-def]
+def clear(seen, doubt, above, below, dropped, clear_below, level, out):  # type: ignore[no-untyped-def]
     """perception.observation.may_clear on (cells,) uint32, of a view whose ground is known."""
     for i in range(out.shape[0]):
         out[i] = np.float64(doubt[i]) <= clear_below * np.float64(seen[i])
     if level:
         for i in range(out.shape[0]):
-            out[i] &= (above[i] == 0) & (below[i] == 0)
+            out[i] &= (above[i] | below[i] | dropped[i]) == 0
 
 
 @compiled(inline="never")
@@ -84,20 +84,22 @@ def _along(grass, doubted, sums, doubts):  # type: ignore[no-untyped-def]
 
 @compiled(inline="never")
 def _marked_row(classes, marked, wide):  # type: ignore[no-untyped-def]
-    """Whether one of five cells along a row is marked; a rim of two about them."""
+    """Whether one of seven cells along a row is marked; a rim of three about them."""
     for x in range(classes.shape[0]):
-        marked[x + 2] = np.uint8(1) if classes[x] >= OBSTACLE else np.uint8(0)
+        marked[x + 3] = np.uint8(1) if classes[x] >= OBSTACLE else np.uint8(0)
     for x in range(wide.shape[0]):
-        wide[x] = marked[x] | marked[x + 1] | marked[x + 2] | marked[x + 3] | marked[x + 4]
+        near = marked[x] | marked[x + 1] | marked[x + 2] | marked[x + 3]
+        wide[x] = near | marked[x + 4] | marked[x + 5] | marked[x + 6]
 
 
 @compiled(inline="never")
 def _few_row(classes, points, sums, doubts, marks, enough, cleared):  # type: ignore[no-untyped-def]
-    """Which cells of a row are cleared by the three rows of grass and doubt, the five of marks about it."""
+    """Which cells of a row are cleared by the three rows of grass and doubt, the seven of marks about it."""
     for x in range(cleared.shape[0]):
         own, together = points[x, 1], np.uint32(sums[0, x] + sums[1, x] + sums[2, x])
         against = doubts[0, x] | doubts[1, x] | doubts[2, x] | classes[x]
-        against |= marks[0, x] | marks[1, x] | marks[2, x] | marks[3, x] | marks[4, x]
+        against |= marks[0, x] | marks[1, x] | marks[2, x] | marks[3, x]
+        against |= marks[4, x] | marks[5, x] | marks[6, x]
         few = (own > np.uint32(0)) & (own < enough)
         cleared[x] = few & (together >= enough) & (np.uint8(against) == np.uint8(0))
 
@@ -113,19 +115,19 @@ def _clear_row(cleared, enough, classes, semantic, points):  # type: ignore[no-u
 def clear_together(classes, semantic, points, enough):  # type: ignore[no-untyped-def]
     """observation.clear_together, in place; twice (height, width) uint8, (height, width, 4) uint32.
 
-    Along the rows first, then over three and five of them.
+    Along the rows first, then over three and seven of them.
     """
     height, width = classes.shape
     grass, doubted = np.zeros(width + 2, np.uint32), np.zeros(width + 2, np.uint8)
-    marked = np.zeros(width + 4, np.uint8)
+    marked = np.zeros(width + 6, np.uint8)
     sums, doubts = np.zeros((height + 2, width), np.uint32), np.zeros((height + 2, width), np.uint8)
-    marks, cleared = np.zeros((height + 4, width), np.uint8), np.empty(width, np.bool_)
+    marks, cleared = np.zeros((height + 6, width), np.uint8), np.empty(width, np.bool_)
     for y in range(height):
         _grass_row(points[y], enough, grass, doubted)
         _along(grass, doubted, sums[y + 1], doubts[y + 1])
-        _marked_row(classes[y], marked, marks[y + 2])
+        _marked_row(classes[y], marked, marks[y + 3])
     for y in range(height):
-        _few_row(classes[y], points[y], sums[y : y + 3], doubts[y : y + 3], marks[y : y + 5], enough, cleared)
+        _few_row(classes[y], points[y], sums[y : y + 3], doubts[y : y + 3], marks[y : y + 7], enough, cleared)
         _clear_row(cleared, enough, classes[y], semantic[y], points[y])
 
 
@@ -139,7 +141,7 @@ def raise_to_marks(semantic, marks, classes):  # type: ignore[no-untyped-def]
 
 @compiled()
 def judge(  # type: ignore[no-untyped-def]
-    counted, seen, doubt, above, below, raised, grounded, clear_below, min_points, min_grass_points,
+    counted, seen, doubt, above, below, raised, dropped, grounded, clear_below, min_points, min_grass_points,
     geometric, enough, always_enough, semantics, points, semantic, classes, marks,
 ):  # fmt: skip
     """What each cell is, by the network's classes and by depth.
@@ -151,6 +153,7 @@ def judge(  # type: ignore[no-untyped-def]
         above: (cells,) uint32 points above the ground.
         below: (cells,) uint32 points below it.
         raised: (cells,) uint32 points a little above it, and doubted.
+        dropped: (cells,) uint32 readings above it that the filter removed.
         grounded: whether the ground is known; else nothing may clear.
         clear_below: largest mean hazard of a cell that may clear, in 255ths.
         min_points: points of obstacle and person that mark a cell.
@@ -166,7 +169,7 @@ def judge(  # type: ignore[no-untyped-def]
     """
     may = np.zeros(seen.shape[0], np.bool_)
     if grounded:
-        clear(seen, doubt, above, below, clear_below, geometric, may)
+        clear(seen, doubt, above, below, dropped, clear_below, geometric, may)
     if geometric:
         mark(above, below, raised, enough, marks[0], marks[1], marks[2])
     else:

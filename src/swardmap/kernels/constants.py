@@ -14,6 +14,9 @@ HIGHEST = 2**31 - 1
 NOT_IN_RANGE, NOT_CONSISTENT, OUTSIDE = -1, -2, -3
 """In place of a cell: why a pixel has none."""
 
+DROPPED = -4
+"""DROPPED - i in place of a cell: the reading is not consistent, and would have fallen into cell i."""
+
 UNSURE, GRASS, OBSTACLE, PERSON, VOID = range(5)
 """What a pixel of the mask counts as; the first four have a counter in each cell."""
 

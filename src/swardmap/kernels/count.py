@@ -11,6 +11,7 @@ from swardmap.kernels.compiled import compiled
 from swardmap.kernels.depth import how_many
 
 VOID = np.uint8(constants.VOID)
+DROPPED = np.int32(constants.DROPPED)
 
 
 @compiled(inline="never")
@@ -98,6 +99,25 @@ def _raise_rises(cell, out, at, rises):  # type: ignore[no-untyped-def]
         c, r = np.uint64(4) * np.uint64(cell[w]), out[w] & np.uint32(7)
         rises[c + np.uint64(r & np.uint32(3))] += np.uint32(1)
         rises[c + np.uint64(3)] += r >> np.uint32(2)
+
+
+@compiled(inline="never")
+def _count_dropped(depth, unit_m, ray_x, tail, up, limits, cell, floor_m, at, dropped):  # type: ignore[no-untyped-def]  # fmt: skip
+    """Count the readings of a row that the filter dropped and that stand above the ground."""
+    highest, rise_m, noise = limits[1], limits[2], limits[5]
+    n = np.uint64(0)
+    for u in range(cell.shape[0]):
+        at[n] = u
+        n += np.uint64(cell[u] <= DROPPED)
+    for k in range(n):
+        u = np.uint64(at[k])
+        i = np.uint64(DROPPED - cell[u])
+        z = np.float32(depth[u]) * unit_m
+        q = up[0] * ray_x[u] + tail
+        rise = (z * q + up[3]) - floor_m[i]
+        noise_m = noise * (z * z) * q
+        stands = (rise > np.float32(0)) & (rise <= highest)
+        dropped[i] += np.uint32(stands & (rise * rise > rise_m * rise_m + noise_m * noise_m))
 
 
 @compiled(inline="never")
@@ -194,8 +214,8 @@ def count(  # type: ignore[no-untyped-def]
         floor_m: (cells,) float32 height over the plane that a rise is measured from.
         points: (cells * 4 + 3,) uint32, written here: points by MapClass; behind the cells the pixels that
             are void, out of height; and some without a cell.
-        per_cell: (5, cells) uint32, written here: points of any class, the sum of their hazard, points above,
-            below, a little above and doubted.
+        per_cell: (6, cells) uint32, written here: points of any class, the sum of their hazard, points above,
+            below, a little above and doubted; readings above that the filter dropped.
     """
     H, W = depth.shape
     n = per_cell.shape[1]
@@ -207,7 +227,11 @@ def count(  # type: ignore[no-untyped-def]
     told, at, out = np.empty(W, np.int32), np.empty(W + 1, np.int32), np.empty(W, np.uint32)
     ground, weights = np.empty(2 * W, np.float32), np.empty(W, np.uint64)
     mask_row, rest = -1, 4 * n
+    per_cell[5] = np.uint32(0)
     for v in range(H):
+        tail = up[1] * ray_y[v] + up[2]
+        if grounded:
+            _count_dropped(depth[v], unit_m, ray_x, tail, up, limits, cells[v], floor_m, at, per_cell[5])
         if how_many(cells[v], np.int32(-1)) == 0:
             continue
         if rows[v] != mask_row:
@@ -216,7 +240,6 @@ def count(  # type: ignore[no-untyped-def]
             if not hard:
                 _hazard_row(hazard[mask_row], columns, told)
                 _weigh_row(told, weights)
-        tail = up[1] * ray_y[v] + up[2]
         _ground_row(cells[v], pairs.view(np.uint64), ground.view(np.uint64))
         some = _stand_row(depth[v], unit_m, ray_x, tail, up, limits, cells[v], told, ground, rest, out)
         if hard:
@@ -233,4 +256,4 @@ def count(  # type: ignore[no-untyped-def]
     if grounded:
         _split(rises, per_cell[2], per_cell[3], per_cell[4])
     else:
-        per_cell[2:] = np.uint32(0)
+        per_cell[2:5] = np.uint32(0)

@@ -15,6 +15,7 @@ HIGHEST = np.int64(constants.HIGHEST)
 NOT_IN_RANGE = np.int32(constants.NOT_IN_RANGE)
 NOT_CONSISTENT = np.int32(constants.NOT_CONSISTENT)
 OUTSIDE = np.int32(constants.OUTSIDE)
+DROPPED = np.int32(constants.DROPPED)
 
 
 @compiled(inline="never")
@@ -34,7 +35,8 @@ def _place_row(z_row, ray_x, ray_y, T, per_metre, keep, width, height, cell, ten
         up = t20 * x + t21 * y + t22 * z + t23
         inside = (gx >= zero) & (gy >= zero) & (gx < n_x) & (gy < n_y)
         i = np.int32(gy) * grid_width + np.int32(gx) if inside else OUTSIDE
-        i = i if keep[u] > none else NOT_CONSISTENT
+        dropped = np.int32(DROPPED - i) if inside else NOT_CONSISTENT
+        i = i if keep[u] > none else dropped
         i = i if z > zero else NOT_IN_RANGE
         cell[u] = i
         tenths[u] = np.int32(np.floor(up * PER_METRE)) if i >= none else none
@@ -44,7 +46,8 @@ def _place_row(z_row, ray_x, ray_y, T, per_metre, keep, width, height, cell, ten
 def _slot_row(cell, nowhere, slots):  # type: ignore[no-untyped-def]
     """Row of the sums that each pixel belongs to: that of its cell, or one behind them for each reason."""
     for u in range(cell.shape[0]):
-        slots[u] = cell[u] if cell[u] >= np.int32(0) else np.int32(nowhere - cell[u])
+        why = np.int32(nowhere - (cell[u] if cell[u] > DROPPED else NOT_CONSISTENT))
+        slots[u] = cell[u] if cell[u] >= np.int32(0) else why
 
 
 @compiled()
@@ -92,7 +95,7 @@ def place(  # type: ignore[no-untyped-def]
         width: of the grid in cells.
         height: of the grid in cells.
         per_metre: float32 cells a metre.
-        cells: (H, W) int32, written here: flat index of the cell, or why there is none.
+        cells: (H, W) int32, written here: as of `perception.passes.Placed`.
         sums: (width * height + 3, 3) int64, written here: sum of heights in 0.1 mm, points, lowest height;
             behind the cells the points out of range, not consistent, outside.
 

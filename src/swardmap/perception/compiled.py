@@ -113,7 +113,7 @@ def count(
         offset_m = floor_m = np.zeros(n, np.float32)
     else:
         offset_m, floor_m = ground.offset_m, ground.floor_m
-    points, per_cell = np.empty(4 * n + 3, np.uint32), np.empty((5, n), np.uint32)
+    points, per_cell = np.empty(4 * n + 3, np.uint32), np.empty((6, n), np.uint32)
     rows, columns = map(_sources, frame.depth.shape, segmentation.labels.shape)
     mask, table, hazard = _mask(segmentation, config)
     kernel.count(
@@ -123,9 +123,9 @@ def count(
         offset_m, floor_m, points, per_cell,
     )  # fmt: skip
     void, out_of_height = points[-3:-1].tolist()
-    seen, doubt, above, below, raised = per_cell.reshape(5, *spec.shape)
+    seen, doubt, above, below, raised, dropped = per_cell.reshape(6, *spec.shape)
     by_class = points[:-3].reshape(*spec.shape, 4)
-    return Counted(by_class, seen, doubt, above, below, raised, void, out_of_height)
+    return Counted(by_class, seen, doubt, above, below, raised, dropped, void, out_of_height)
 
 
 def _mask(
@@ -171,6 +171,7 @@ def judge(counted: Counted, ground: Ground | None, config: Config) -> Judged:
     kernel.judge(
         counted.points.reshape(-1), counted.seen.reshape(-1), counted.doubt.reshape(-1),
         counted.above.reshape(-1), counted.below.reshape(-1), counted.raised.reshape(-1),
+        counted.dropped.reshape(-1),
         ground is not None, 255 * rules.clear_below, np.uint32(rules.min_points),
         np.uint32(rules.min_grass_points or rules.min_points), geometry.enabled,
         np.uint32(geometry.min_points), np.uint32(ALWAYS_ENOUGH), geometry.semantics,

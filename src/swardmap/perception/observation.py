@@ -130,12 +130,13 @@ def may_clear(
         ground: of the view.
         clear_below: largest mean P(obstacle or person).
         level: one point that stands above the ground, or lies below it, is enough not to clear: fewer than a
-            geometric mark takes, and what is called grass half a metre up is no lawn.
+            geometric mark takes, and what is called grass half a metre up is no lawn. So is one above it that
+            the filter removed: a wire is seldom consistent, and marks nothing, but is no lawn either.
     """
     if ground is None:
         return np.zeros(counted.seen.shape, np.bool_)
     sure = np.asarray(counted.doubt <= (255 * clear_below) * counted.seen.astype(np.float64))
-    return sure & (counted.above == 0) & (counted.below == 0) if level else sure
+    return sure & ((counted.above | counted.below | counted.dropped) == 0) if level else sure
 
 
 def without_doubt(
@@ -164,7 +165,7 @@ def clear_together(
 
     Far away a cell holds one or two pixels: its lawn would stay unknown for want of points. The cell has a
     point of grass itself, the 3 x 3 cells about it hold enough and none that is in doubt, and
-    none of the 5 x 5 is marked: next to an obstacle a cell needs points of its own.
+    none of the 7 x 7 is marked: next to an obstacle a cell needs points of its own.
 
     Args:
         classes: (height, width) uint8 MapClass of all evidence.
@@ -178,7 +179,9 @@ def clear_together(
     few = (classes == MapClass.UNKNOWN) & (grass > 0) & (grass < min_grass_points)
     enough = _neighbours(grass, np.add) >= min_grass_points
     sure = _neighbours(doubted, np.maximum) == 0
-    near = _neighbours(_neighbours(classes, np.maximum), np.maximum)
+    near = classes
+    for _ in range(3):
+        near = _neighbours(near, np.maximum)
     cleared = few & enough & sure & (near < MapClass.OBSTACLE)
     classes, points = classes.copy(), points.copy()
     classes[cleared] = MapClass.GRASS

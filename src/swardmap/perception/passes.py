@@ -23,7 +23,8 @@ class Placed:
     """Where the pixels of a frame fall.
 
     Attributes:
-        cells: (H, W) int32 flat index of each pixel's cell, or why it has none.
+        cells: (H, W) int32 flat index of each pixel's cell, or why it has none; DROPPED - i for a reading
+            that the filter removes and that would fall into cell i.
         sums: (cells, 3) int64 sum of heights in 0.1 mm, points, and lowest height of each cell.
         no_reading: pixels that are 0, NaN or infinite.
         not_in_range: pixels nearer or farther than the limits, those without a reading among them.
@@ -50,6 +51,7 @@ class Counted:
         above: (height, width) uint32 points above the ground, of any class or none.
         below: (height, width) uint32 points below it.
         raised: (height, width) uint32 points that are a little above it, and doubted.
+        dropped: (height, width) uint32 readings above it that the 3x3 filter removed.
         void: pixels of which the mask says nothing.
         out_of_height: pixels below or above the limits.
         merged: points joined in a voxel or removed as outliers.
@@ -61,6 +63,7 @@ class Counted:
     above: NDArray[np.uint32]
     below: NDArray[np.uint32]
     raised: NDArray[np.uint32]
+    dropped: NDArray[np.uint32]
     void: int
     out_of_height: int
     merged: int = 0

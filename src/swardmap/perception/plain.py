@@ -9,7 +9,15 @@ from numpy.typing import NDArray
 from swardmap.config import CloudConfig, Config
 from swardmap.geometry import Pose, deproject, transform_points
 from swardmap.grid import GridSpec, classify_cells, count_points
-from swardmap.kernels.constants import HIGHEST, NOT_CONSISTENT, NOT_IN_RANGE, OUTSIDE, PER_METRE, VOID
+from swardmap.kernels.constants import (
+    DROPPED,
+    HIGHEST,
+    NOT_CONSISTENT,
+    NOT_IN_RANGE,
+    OUTSIDE,
+    PER_METRE,
+    VOID,
+)
 from swardmap.labels import LabelClass, LabelSet, MapClass, Role
 from swardmap.perception.backend import Judged
 from swardmap.perception.cloud import (
@@ -52,17 +60,24 @@ def place(frame: Frame, T_grid_camera: Pose, spec: GridSpec, config: Config) -> 
     kept = consistent_depth(
         in_range, neighbours_needed(frame, cloud), cloud.consistency_relative, cloud.consistency_m
     )
-    xyz = transform_points(deproject(kept, frame.intrinsics), T_grid_camera)
+    xyz = transform_points(deproject(in_range, frame.intrinsics), T_grid_camera)
     per_metre = np.float32(1.0 / spec.resolution_m)
     x, y = xyz[..., 0] * per_metre, xyz[..., 1] * per_metre
     inside = (x >= 0) & (y >= 0) & (x < np.float32(spec.width)) & (y < np.float32(spec.height))
+    dropped = np.isnan(kept)
     cells = np.full(depth_m.shape, OUTSIDE, np.int32)
-    cells[np.isnan(kept)] = NOT_CONSISTENT
+    cells[dropped] = NOT_CONSISTENT
     cells[np.isnan(in_range)] = NOT_IN_RANGE
-    cells[inside] = y[inside].astype(np.int32) * spec.width + x[inside].astype(np.int32)
-    sums = sum_heights(cells[inside], xyz[inside][:, 2], spec)
-    reasons = (int((cells == why).sum()) for why in (NOT_IN_RANGE, NOT_CONSISTENT, OUTSIDE))
-    return Placed(cells, sums, int(np.isnan(depth_m).sum()), *reasons)
+    not_in_range, not_consistent, outside = (
+        int((cells == why).sum()) for why in (NOT_IN_RANGE, NOT_CONSISTENT, OUTSIDE)
+    )
+    flat = y[inside].astype(np.int32) * spec.width + x[inside].astype(np.int32)
+    cells[inside] = np.where(dropped[inside], DROPPED - flat, flat)
+    used = cells >= 0
+    sums = sum_heights(cells[used], xyz[used][:, 2], spec)
+    return Placed(
+        cells, sums, int(np.isnan(depth_m).sum()), not_in_range, not_consistent, outside - int(used.sum())
+    )
 
 
 def sum_heights(cells: NDArray[np.int32], z_m: NDArray[np.float32], spec: GridSpec) -> Sums:
@@ -119,7 +134,7 @@ def count(
         xyz = transform_points(deproject(frame.depth_m, frame.intrinsics), T_grid_camera)[used][known]
         points, merged = _thinned_points(xyz, codes[known], spec, config.cloud)
 
-    above = below = raised = np.zeros(spec.shape, np.uint32)
+    above = below = raised = dropped = np.zeros(spec.shape, np.uint32)
     if ground is not None:
         noise_m = noise * (z * z) * q
         rise, fall, noise_m2 = over - floor[cell], -height, noise_m * noise_m
@@ -133,10 +148,26 @@ def count(
             np.bincount(cell[chosen], minlength=per_cell).astype(np.uint32).reshape(spec.shape)
             for chosen in (is_above, is_below, is_raised)
         )
+        dropped = _dropped_above(frame, placed, up, ground, spec, config)
     return Counted(
-        points, seen, doubt, above, below, raised,
+        points, seen, doubt, above, below, raised, dropped,
         void=int((~named).sum()), out_of_height=int((named & ~in_height).sum()), merged=merged,
     )  # fmt: skip
+
+
+def _dropped_above(
+    frame: Frame, placed: Placed, up: NDArray[np.float32], ground: Ground, spec: GridSpec, config: Config
+) -> NDArray[np.uint32]:
+    """Readings that the filter dropped and that stand above the ground, by cell."""
+    _, highest, rise_m, _, _, noise, _ = count_limits(config)
+    ray_x, ray_y = frame.intrinsics.ray_tables()
+    is_dropped = placed.cells <= DROPPED
+    cell, z = DROPPED - placed.cells[is_dropped], frame.depth_m[is_dropped]
+    q = (up[0] * ray_x[None, :] + (up[1] * ray_y + up[2])[:, None])[is_dropped]
+    rise, noise_m = (z * q + up[3]) - ground.floor_m[cell], noise * (z * z) * q
+    stands = (rise > 0) & (rise <= highest) & (rise * rise > rise_m * rise_m + noise_m * noise_m)
+    counts = np.bincount(cell[stands], minlength=spec.width * spec.height)
+    return counts.astype(np.uint32).reshape(spec.shape)
 
 
 def _surface(ground: Ground | None, spec: GridSpec) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
