@@ -110,10 +110,10 @@ def _count_dropped(depth, unit_m, ray_x, tail, up, limits, cell, floor_m, at, dr
         at[n] = u
         n += np.uint64(cell[u] <= DROPPED)
     for k in range(n):
-        u = np.uint64(at[k])
-        i = np.uint64(DROPPED - cell[u])
-        z = np.float32(depth[u]) * unit_m
-        q = up[0] * ray_x[u] + tail
+        w = np.uint64(at[k])
+        i = np.uint64(DROPPED - cell[w])
+        z = np.float32(depth[w]) * unit_m
+        q = up[0] * ray_x[w] + tail
         rise = (z * q + up[3]) - floor_m[i]
         noise_m = noise * (z * z) * q
         stands = (rise > np.float32(0)) & (rise <= highest)
