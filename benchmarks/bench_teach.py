@@ -17,14 +17,18 @@ import json
 import shutil
 import time
 from collections.abc import Collection, Mapping
+from contextlib import redirect_stdout
 from dataclasses import dataclass, field, replace
+from io import StringIO
 from pathlib import Path
+from resource import RUSAGE_SELF, getrusage
 from typing import Any
 from unittest.mock import patch
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import t
 
 from swardmap.cli.app import run
 from swardmap.eval.things import NEAR_M
@@ -41,8 +45,8 @@ from swardmap.synth.sequence_files import discard, is_complete, write_sequence
 from swardmap.synth.stage import garden_stage
 
 FIRST_SEED = 8801
-FRAMES = {"drive": 20, "other": 6}
-SETTINGS = ("rig.width=448", "rig.height=336", "rig.samples=2", "rig.rate_hz=1.5", "camera.blur_share=0",
+FRAMES = {"drive": 28, "other": 6}
+SETTINGS = ("rig.width=448", "rig.height=336", "rig.samples=2", "rig.rate_hz=0.7", "camera.blur_share=0",
             "camera.raindrops=[0,0]", "camera.dirt=[0,0]", "map.enabled=false")  # fmt: skip
 METRICS = ("lawn_kept_near", "free_near", "free_beyond_margin_near", "things_missed", "things_dangerous",
            "persons_dangerous", "corridor_missed", "false_stops")  # fmt: skip
@@ -85,10 +89,13 @@ class Paint:
 
 
 PAINTS = {
-    "straw": Paint((1.5, 0.8, 0.9), 0.6),
+    "straw": Paint((1.7, 1.2, 0.6), 0.7),
     "bleached": Paint(faded=0.85),
     "frosted": Paint((1.9, 1.7, 1.8), 0.6),
     "leaves": Paint((1.5, 0.6, 0.4), 0.2),
+    "moss": Paint((0.65, 0.5, 0.35), 0.5),
+    "seeding": Paint((1.3, 0.85, 1.25), 0.6),
+    "shade": Paint(light=(0.09, 0.13, 0.24)),
     "blue": Paint(light=(0.35, 0.8, 2.2)),
 }
 
@@ -175,12 +182,21 @@ def teach(there: Path, start: Path | None, more: list[str]) -> None:
         begin = [] if start is None else ["--start", str(start)]
         began, spent = time.monotonic(), time.process_time()
         code = run(["teach", drive, "-o", str(there / "taught.onnx"), "--yes", *begin, *more])
-        took = {"wall_s": round(time.monotonic() - began), "cpu_s": round(time.process_time() - spent)}
+        most_mb = getrusage(RUSAGE_SELF).ru_maxrss // 1024
+        took = {
+            "wall_s": round(time.monotonic() - began),
+            "cpu_s": round(time.process_time() - spent),
+            "most_memory_mb": most_mb,
+        }
         gate = json.loads((there / "taught.teach" / "gate.json").read_text())
         (there / "verdict.json").write_text(json.dumps({"code": code, **took, **gate}, indent=1))
 
 
-def measure(there: Path, start: Path | None) -> dict[str, dict[str, float | None]]:
+Figures = dict[str, tuple[int, int]]
+"""Hits and cases of each."""
+
+
+def measure(there: Path, start: Path | None) -> dict[str, Figures]:
     """Figures of the other way: the network so far, the taught one, true masks."""
     found, taught = {}, there / "taught.onnx"
     other = recording(there, "other")
@@ -194,8 +210,10 @@ def measure(there: Path, start: Path | None) -> dict[str, dict[str, float | None
             continue
         if not (result / "results.json").is_file():
             options = ["--segmenter", segmenter, "--resolution", "0.05", "--workers", "1"]
-            run(["evaluate", str(other), "-o", str(result), *options])
-        found[name] = figures(json.loads((result / "results.json").read_text()))
+            with redirect_stdout(StringIO()):
+                run(["evaluate", str(other), "-o", str(result), *options])
+        overall = json.loads((result / "results.json").read_text())["metrics"]["overall"]
+        found[name] = {metric: (overall[metric]["count"], overall[metric]["of"]) for metric in METRICS}
         if segmenter != "truth":
             network = bundled_network() if segmenter == "auto" else Path(segmenter)
             assert network is not None
@@ -203,8 +221,8 @@ def measure(there: Path, start: Path | None) -> dict[str, dict[str, float | None
     return found
 
 
-def pixels(segmenter: OnnxSegmenter, recording: Path) -> dict[str, float | None]:
-    """Shares of the true pixels of lawn, things and persons within NEAR_M that are called grass."""
+def pixels(segmenter: OnnxSegmenter, recording: Path) -> Figures:
+    """True pixels of lawn, things and persons within NEAR_M: those called grass, and all."""
     hits, of = np.zeros(3, np.int64), np.zeros(3, np.int64)
     for frame in open_source(recording):
         grass = segmenter(frame).resized_to(*frame.depth.shape).map_classes == MapClass.GRASS
@@ -214,13 +232,35 @@ def pixels(segmenter: OnnxSegmenter, recording: Path) -> dict[str, float | None]
             hits[i] += np.count_nonzero(grass & there)
             of[i] += np.count_nonzero(there)
     names = ("grass_recall", "other_called_grass", "person_called_grass")
-    return {n: None if c == 0 else float(h / c) for n, h, c in zip(names, hits, of, strict=True)}
+    return {n: (h, c) for n, h, c in zip(names, hits.tolist(), of.tolist(), strict=True)}
 
 
-def figures(results: Mapping[str, Any]) -> dict[str, float | None]:
-    """The figures of METRICS over all frames."""
-    overall = results["metrics"]["overall"]
-    return {name: overall[name]["value"] for name in METRICS}
+def told(figures: Figures) -> str:
+    """One line."""
+    return "  ".join(f"{n} {h}/{of}" + (f" = {h / of:.3f}" if of else "") for n, (h, of) in figures.items())
+
+
+def print_table(found: Mapping[str, Mapping[str, Figures]]) -> None:
+    """Each garden, all of them together, and how much of the lawn of true masks the taught network keeps."""
+    for case, by_network in found.items():
+        for name, figures in by_network.items():
+            print(f"{case:<22} {name:<10} {told(figures)}")
+    for name in ("before", "after", "true masks"):
+        of_all = [by_network[name] for by_network in found.values() if name in by_network]
+        total = {
+            metric: (sum(f[metric][0] for f in of_all), sum(f[metric][1] for f in of_all))
+            for metric in (of_all[0] if of_all else ())
+        }
+        print(f"{f'all {len(of_all)}':<22} {name:<10} {told(total)}")
+    kept = [
+        by_network.get("after", by_network["before"])["lawn_kept_near"][0]  # refused: as it was
+        / by_network["true masks"]["lawn_kept_near"][0]
+        for by_network in found.values()
+    ]
+    print("lawn kept after teaching, of what true masks keep: " + " ".join(f"{k:.3f}" for k in kept))
+    if len(kept) > 1:
+        half = float(t.ppf(0.975, len(kept) - 1)) * float(np.std(kept, ddof=1)) / len(kept) ** 0.5
+        print(f"mean {np.mean(kept):.3f}, 95 % interval +- {half:.3f}, least {min(kept):.3f}")
 
 
 def main() -> None:
@@ -234,7 +274,7 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--part", action="append", choices=tuple(FRAMES), help="of a film; none = all")
     parser.add_argument("--paint", action="append", choices=tuple(PAINTS), help="make such copies, too")
-    parser.add_argument("--only", default="*", help="names of the gardens to teach or to measure")
+    parser.add_argument("--only", action="append", help="names of the gardens to teach or to measure")
     parser.add_argument("--start", type=Path, help="network to begin from, if not the package's")
     chosen, more = parser.parse_known_args()
     if chosen.what == "film":
@@ -243,13 +283,12 @@ def main() -> None:
             for name in chosen.paint or ():
                 paint(folder_of(chosen.out, number), name)
         return
-    for case in cases(chosen.out, chosen.only):
-        if chosen.what == "teach":
-            teach(case, chosen.start, more)
-        else:
-            for name, values in measure(case, chosen.start).items():
-                told = "  ".join(f"{k} {'-' if v is None else f'{v:.3f}'}" for k, v in values.items())
-                print(f"{case.name:<22} {name:<10} {told}", flush=True)
+    chosen_cases = [c for only in chosen.only or ["*"] for c in cases(chosen.out, only)]
+    if chosen.what == "table":
+        print_table({case.name: measure(case, chosen.start) for case in chosen_cases})
+        return
+    for case in chosen_cases:
+        teach(case, chosen.start, more)
 
 
 if __name__ == "__main__":

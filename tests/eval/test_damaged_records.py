@@ -10,7 +10,6 @@ import pytest
 
 from swardmap.errors import InputError
 from swardmap.eval.compare import compare_runs
-from swardmap.eval.run import evaluate, read_plan
 from tests.fuzz.saved import evaluation
 
 DAMAGE: dict[str, Callable[[dict[str, Any]], object]] = {
@@ -42,20 +41,3 @@ def test_damaged_records_do_not_compare(
         with pytest.raises(InputError, match="damaged"):
             compare_runs(runs)
     assert compare_runs([folder, folder])[0].frames == 2
-
-
-LOOKS: tuple[object, ...] = (
-    5, {"faults": []}, {"faults": [], "prints": [1]}, {"faults": [], "prints": [1, 2], "pair": [1]},
-    {"faults": [], "prints": [1, 2], "shifted": "x"}, {"faults": [], "prints": [1, 2], "ground": [1, 2]},
-    {"faults": [], "prints": [1, 2], "step": 7},
-)  # fmt: skip
-
-
-@pytest.mark.parametrize("looks", LOOKS)
-def test_damaged_looks_at_frames_are_one_line(whole: tuple[Path, str], tmp_path: Path, looks: object) -> None:
-    folder, part = whole
-    damaged = shutil.copytree(folder, tmp_path / "damaged")
-    records = [json.loads(line) | {"looks": looks} for line in (damaged / part).read_text().splitlines()]
-    (damaged / part).write_text("".join(json.dumps(record) + "\n" for record in records))
-    with pytest.raises(InputError, match="damaged: expected whole records of an evaluation"):
-        evaluate(read_plan(damaged)[0], damaged, workers=1, strict=True)

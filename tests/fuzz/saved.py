@@ -126,13 +126,12 @@ def read_evaluation(file: Path) -> Any:
     """What is told of an evaluation, one of whose files is given."""
     from swardmap.eval.results import results
     from swardmap.eval.run import read_plan, read_records
-    from swardmap.runs.record_looks import watchdog_of
 
     folder = _folder_of(file)
     plan, total = read_plan(folder)
     records = read_records(folder, min(total, 1000))
     with reading(folder, "whole records of an evaluation"):
-        return results(plan, records), watchdog_of(records, plan.config.watchdog)
+        return results(plan, records)
 
 
 def compare(file: Path) -> Any:

@@ -14,7 +14,7 @@ from swardmap.synth.analytic_solids import Box, Finish
 from swardmap.teach.drive import Drive, driven_again
 from swardmap.teach.labels import label_frame
 from swardmap.teach.plan import TeachPlan, circle
-from swardmap.teach.write import doubt_of, ground_of
+from swardmap.teach.write import doubt_of, evened, ground_of
 from swardmap.types import Frame
 from tests.teach.scenes import CONFIG, GARDEN, PLAN, Says, drive_of, lane, moved, with_poses
 
@@ -179,6 +179,25 @@ def test_spans_and_areas_are_left_out(frames: list[Frame]) -> None:
 def test_without_poses_nothing_is_taught(frames: list[Frame]) -> None:
     with pytest.raises(InputError, match="poses in one frame, got none in 26"):
         drive_of([replace(f, T_map_camera=None) for f in frames])
+
+
+def test_near_and_far_cells_teach_alike(frames: list[Frame], drive: Drive) -> None:
+    ground = ground_of(drive, doubt_of(drive), None, ())
+    number, _, heights, found = next(iter(driven_again(frames, drive, Says(), CONFIG, lambda: None)))
+    labels = label_frame(heights, found, ground, PLAN.labels)
+    even = evened(labels, heights, 2.0, number)
+    kept = even.sure == GRASS.id
+    assert (labels.sure[kept] == GRASS.id).all()
+    assert (even.sure[labels.sure != GRASS.id] == labels.sure[labels.sure != GRASS.id]).all()
+    near, far = heights.depth_m < 1.5, heights.depth_m > 3.0
+    before, after = (
+        [np.count_nonzero(mask & part) for part in (near, far)] for mask in (labels.sure == GRASS.id, kept)
+    )
+    assert after[1] > 0.7 * before[1] > 100  # far cells hold few pixels, and lose few
+    assert after[0] < 0.2 * before[0]
+    in_cell = np.bincount(heights.cells[kept & near])
+    assert in_cell[in_cell > 0].mean() < 2.5
+    np.testing.assert_array_equal(evened(labels, heights, 2.0, number).sure, even.sure)
 
 
 def test_void_is_what_nobody_knows(frames: list[Frame], drive: Drive) -> None:

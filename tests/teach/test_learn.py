@@ -27,6 +27,15 @@ def test_the_encoder_stays_as_it_is_unless_it_has_a_rate(rate: float) -> None:
     assert all(p.requires_grad for p in network.segmentation_head.parameters())
 
 
+def test_driven_pixels_weigh_what_they_are_told() -> None:
+    told = teach_recipe("my-lawn", Path("lawn.onnx"), "MIT", LearnConfig(), (), "fp32", 12.0)
+    assert {d.name: d.free_weight for d in told.data if not d.validation} == {
+        "drive": 12.0,
+        "gardens": 1.0,
+        "demo": 1.0,
+    }
+
+
 def test_half_of_the_views_are_of_the_drive() -> None:
     weights = {d.name: d.weight for d in recipe().data if not d.validation}
     assert weights["drive"] == pytest.approx(sum(weights.values()) / 2)

@@ -103,8 +103,7 @@ def evaluate(
             on_done(done, total)
     records = read_records(out, total)
     if strict:  # of all: a frame may repeat the last of the part before
-        with reading(out, "whole records of an evaluation"):
-            _stop_at_fault(records, plan.config)
+        _stop_at_fault(records, plan.config)
     return records
 
 

@@ -5,6 +5,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from swardmap.errors import ConfigError, require
 from swardmap.labels import GRASS_OBSTACLE_PERSON
 from swardmap.models.spec import NetworkSpec
@@ -21,14 +23,22 @@ FAMILIAR_IMAGES = 12
 ALL_BLOCKS = 99
 """More than an encoder has: none of it learns."""
 DEMO = Path(__file__).parent.parent / "data" / "demo"
-HOLD_OUT = 12
+MOST_WEIGHT = 50.0
+"""Of a driven pixel: one frame of lawn must not outshout all that was known."""
+HOLD_OUT = 8
 """Every so many of the gardens are not learnt from."""
 
 Report = Callable[[Mapping[str, Any]], None]
 
 
 def teach_recipe(
-    name: str, start: Path, licence: str, learn: LearnConfig, more: Sequence[Path], precision: str
+    name: str,
+    start: Path,
+    licence: str,
+    learn: LearnConfig,
+    more: Sequence[Path],
+    precision: str,
+    driven_weight: float = 1.0,
 ) -> Recipe:
     """What is learnt and how: half the views are of the drive, half of gardens with exact labels.
 
@@ -39,15 +49,23 @@ def teach_recipe(
         learn: steps and rates.
         more: recordings with true labels to replay beside what is in the package.
         precision: bf16 or fp32.
+        driven_weight: of a driven pixel in the loss.
     """
     n = learn.replay
     shares = {"gardens": 0.8 * n, "demo": 0.2 * n} if not more else {"gardens": 0.4 * n, "demo": 0.1 * n}
     data = [
-        DataConfig(name="drive", folder=LEARN, pseudo=SAID, weight=1 - n, person_boost=2),
         DataConfig(
-            name="gardens", folder=str(REPLAY), weight=shares["gardens"], person_boost=3, hold_out=HOLD_OUT
+            name="drive", folder=LEARN, pseudo=SAID, weight=1 - n, person_boost=2,
+            free_weight=driven_weight,
         ),
-        DataConfig(name="demo", folder=str(DEMO), kind="recording", weight=shares["demo"], person_boost=2),
+        DataConfig(
+            name="gardens", folder=str(REPLAY), weight=shares["gardens"], person_boost=3, hold_out=HOLD_OUT,
+            obstacle_weight=learn.known_weight,
+        ),
+        DataConfig(
+            name="demo", folder=str(DEMO), kind="recording", weight=shares["demo"], person_boost=2,
+            obstacle_weight=learn.known_weight,
+        ),
         *(
             DataConfig(name=f"more-{i}", folder=str(m.absolute()), kind="recording", weight=n / 2 / len(more))
             for i, m in enumerate(more)
@@ -57,7 +75,7 @@ def teach_recipe(
     ]  # fmt: skip
     schedule = ScheduleConfig(
         steps=learn.steps, batch=learn.batch, crop=0, zoom=1.3, decoder_rate=learn.decoder_rate,
-        encoder_rate=learn.encoder_rate, warmup=min(5, learn.steps), averaging=0.95, person_weight=2.0,
+        encoder_rate=learn.encoder_rate, warmup=min(5, learn.steps), averaging=0.95, person_weight=3.0,
         pseudo_weight=0.3, paste_person=0.25, covered=0.02, check_every=learn.check_every,
         precision=precision, frozen_norms=True,
     )  # fmt: skip
@@ -75,6 +93,21 @@ def teach_recipe(
         told,
         str(start),
     )
+
+
+def driven_weight(share: float, wanted: float) -> float:
+    """Weight of a driven pixel with which all of them weigh as they should; never below that of others.
+
+    Args:
+        share: of the drive's pixels that are labelled as driven.
+        wanted: share of the weight, 1 = all pixels of the drive with a weight of 1.
+
+    >>> driven_weight(0.02, 0.3)
+    15.0
+    >>> driven_weight(0.5, 0.3), driven_weight(0.0, 0.3)
+    (1.0, 50.0)
+    """
+    return float(np.clip(wanted / max(share, 1e-6), 1.0, MOST_WEIGHT))
 
 
 def check_start(spec: NetworkSpec, path: Path) -> None:
@@ -127,9 +160,19 @@ def export_candidate(
     blend = ((run / "start.pt", share),) if share > 0 else ()
     release(
         run / "last.pt", folder, out, images=CALIBRATION_IMAGES, size=(spec.width, spec.height), blend=blend,
-        familiar=False, biases_of=start,
+        familiar=False, biases_of=start, figures=False,
     )  # fmt: skip
     with_spec(out, temperature=max(spec.temperature, read_spec(out).temperature))
+
+
+def refit_bias(path: Path, start: Path, recipe: Recipe, folder: Path) -> float:
+    """Let the new network say grass as readily as is no more daring than the start; what was added."""
+    from swardmap.teach.sureness import set_bias
+    from swardmap.train.data import load_photos
+
+    return set_bias(
+        path, start, {s.config.name: s.photos for s in load_photos(recipe, folder, validation=True)}
+    )
 
 
 def know_images(path: Path, start: Path, recipe: Recipe, folder: Path) -> None:

@@ -23,10 +23,12 @@ from swardmap.teach.learn import (
     START_SHARES,
     check_start,
     device_and_precision,
+    driven_weight,
     export_candidate,
     know_images,
     learn_labels,
     read_network,
+    refit_bias,
     teach_recipe,
     tell,
 )
@@ -185,8 +187,10 @@ def learn(task: Task, device: str, threads: int, report: Callable[[Mapping[str, 
     spec = read_network(start)
     check_start(spec, start)
     device, precision = device_and_precision(device)
+    facts = read_json(folder / FACTS, {"driven_share": float})
+    weight = driven_weight(facts["driven_share"], task.plan.learn.driven_share)
     recipe = teach_recipe(
-        task.out.stem, start.absolute(), spec.licence, task.plan.learn, task.replay, precision
+        task.out.stem, start.absolute(), spec.licence, task.plan.learn, task.replay, precision, weight
     )
     _forget_other_runs(folder, recipe.digest)
     run = learn_labels(recipe, folder, report, device, threads)
@@ -194,8 +198,9 @@ def learn(task: Task, device: str, threads: int, report: Callable[[Mapping[str, 
     verdict, candidate = None, folder / "candidate.onnx"
     for share in START_SHARES:
         export_candidate(run, folder, candidate, start, spec, share)
+        bias = refit_bias(candidate, start, recipe, folder)
         verdict = judge(old, measure(candidate, folder / HELD))
-        write_facts(folder / GATE, {"start_share": share, **verdict.to_dict()})
+        write_facts(folder / GATE, {"start_share": share, "grass_bias": bias, **verdict.to_dict()})
         if verdict.passes:
             know_images(candidate, start, recipe, folder)
             tell(candidate, _taught(task, spec, share, verdict, time.monotonic() - began))

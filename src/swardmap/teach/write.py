@@ -48,6 +48,7 @@ class Written:
         driven: driven pixels by what the network so far calls them.
         raised_called_grass: raised pixels that it calls grass.
         learn, held: frames.
+        learnt_driven, learnt_all: driven pixels that are learnt from, and all pixels of these frames.
         held_driven: driven pixels of those held out.
         shown: some frames with their labels, for the page.
     """
@@ -58,6 +59,8 @@ class Written:
     raised_called_grass: int = 0
     learn: int = 0
     held: int = 0
+    learnt_driven: int = 0
+    learnt_all: int = 0
     held_driven: int = 0
     shown: list["Shown"] = field(default_factory=list)
 
@@ -70,6 +73,7 @@ class Written:
             "pixels_by_network": self.said,
             "driven_called_before": self.driven,
             "raised_called_grass_before": self.raised_called_grass,
+            "driven_share": self.learnt_driven / max(1, self.learnt_all),
         }
 
 
@@ -149,8 +153,11 @@ def write_labels(
         if held and apart:
             labels = _without(labels, learnt, drive.spec, heights)
         name = f"{prefix}{number:04d}"
-        _write(out, name, frame, labels, held)
+        even = evened(labels, heights, plan.labels.cell_pixels, number)
+        _write(out, name, frame, even, held)
         written.held += held
+        written.learnt_driven += 0 if held else int(np.count_nonzero(even.sure == GRASS.id))
+        written.learnt_all += 0 if held else even.sure.size
         written.held_driven += int(np.count_nonzero(labels.sure == GRASS.id)) if held else 0
         written.learn += not held
         if number % shown_every == 0:
@@ -185,6 +192,25 @@ def _without(labels: FrameLabels, learnt: Bools, spec: GridSpec, heights: Height
     known = heights.cells >= 0
     seen = known & local.ravel()[np.where(known, heights.cells, 0)]
     sure = np.where(seen & (labels.sure == GRASS.id), np.uint8(VOID_ID), labels.sure)
+    return FrameLabels(sure, labels.said)
+
+
+def evened(labels: FrameLabels, heights: Heights, cell_pixels: float, seed: int) -> FrameLabels:
+    """Labels in which every driven cell has about as many pixels of grass, near or far.
+
+    Near cells hold hundreds of pixels, far ones a few, and the map asks for the far ones as often.
+
+    Args:
+        labels: of a frame.
+        heights: of it, which say the cell of each pixel.
+        cell_pixels: of a cell that stay, on average; all where it has fewer.
+        seed: of which pixels stay.
+    """
+    grass = labels.sure == GRASS.id
+    pixels = np.bincount(heights.cells[grass], minlength=1)
+    chance = cell_pixels / np.maximum(pixels[heights.cells[grass]], cell_pixels)
+    sure = labels.sure.copy()
+    sure[grass] = np.where(np.random.default_rng(seed).random(len(chance)) < chance, GRASS.id, VOID_ID)
     return FrameLabels(sure, labels.said)
 
 

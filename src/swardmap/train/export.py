@@ -17,6 +17,7 @@ import torch
 from numpy.typing import NDArray
 
 from swardmap.errors import ModelError, require
+from swardmap.labels import Role
 from swardmap.models.onnx import preprocess
 from swardmap.models.spec import METADATA_KEY, NetworkSpec
 from swardmap.train.augment import Image
@@ -24,6 +25,7 @@ from swardmap.train.networks import DeepLabV3Plus
 
 OPSET = 18
 INPUT, OUTPUT = "image", "logits"
+HEAD_BIAS = "segmentation_head.0.bias_quantized"
 AGREEMENT = 1e-2
 """Largest difference of logits, torch against ONNX Runtime in float32, that an export may have."""
 
@@ -111,6 +113,32 @@ def with_spec(path: Path, **changes: Any) -> NetworkSpec:
 
     spec = replace(read_spec(path), **changes)
     write_model(onnx.load(path), spec, path)
+    return spec
+
+
+def shift_grass(path: Path, bias: float) -> NetworkSpec:
+    """Add a bias to the logits of what may be driven on, in an INT8 file, in whole steps of the head's scale.
+
+    What the file says of its training names the sum of all such biases.
+
+    Args:
+        path: as `quantise` writes it; replaced whole.
+        bias: of the logit.
+    """
+    import onnx
+    from onnx import numpy_helper
+
+    spec, model = read_spec(path), onnx.load(path)
+    roles = {c.id: c.role for c in spec.label_set.classes}
+    free = [roles[i] is Role.FREE for i in spec.channel_ids]
+    tensors = {t.name: t for t in model.graph.initializer}
+    steps = numpy_helper.to_array(tensors[HEAD_BIAS]).copy()
+    scale = numpy_helper.to_array(tensors[f"{HEAD_BIAS}_scale"])
+    steps[free] += np.rint(bias / scale[free]).astype(steps.dtype)
+    tensors[HEAD_BIAS].CopyFrom(numpy_helper.from_array(steps, HEAD_BIAS))
+    total = round(float(spec.training.get("grass_bias", 0.0)) + bias, 4)
+    spec = replace(spec, training={**spec.training, "grass_bias": total})
+    write_model(model, spec, path)
     return spec
 
 
