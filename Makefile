@@ -4,9 +4,10 @@ VENV   ?= .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 VENV_ROS := .venv-ros
+VENV_OPENVINO := .venv-openvino
 FUZZ_SECONDS ?= 1800
 
-.PHONY: demo test coverage test-slow fuzz test-ros test-pythons docs full-setup check format bench wheels wheel-check clean
+.PHONY: demo test coverage test-slow fuzz test-ros test-openvino test-pythons docs full-setup check format bench wheels wheel-check clean
 
 $(READY): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -36,11 +37,22 @@ fuzz: $(READY)            ## damaged files for every reader, for FUZZ_SECONDS (1
 
 test-ros:                 ## the ROS 2 node over real DDS; skipped where there are no wheels of ROS
 	$(PYTHON) -m venv $(VENV_ROS)
-	$(VENV_ROS)/bin/python -m pip install --quiet --disable-pip-version-check --editable '.[dev,gps]' colcon-ros
-	@if $(VENV_ROS)/bin/python -m pip install --quiet --disable-pip-version-check --editable '.[dev,gps,ros]'; then \
+	$(VENV_ROS)/bin/python -m pip install --quiet --disable-pip-version-check --editable '.[dev,gps,synth]' colcon-ros
+	@if $(VENV_ROS)/bin/python -m pip install --quiet --disable-pip-version-check --editable '.[dev,gps,synth,ros]'; then \
 	  $(VENV_ROS)/bin/python -m pytest -m 'slow or not slow' tests/ros; \
 	else \
 	  echo "skipped: the wheels of ROS 2 cannot be had for this Python and platform (see above)"; \
+	fi
+
+test-openvino:            ## the network by OpenVINO's provider against the CPU's; skipped where there is no wheel of it
+	$(PYTHON) -m venv $(VENV_OPENVINO)
+	$(VENV_OPENVINO)/bin/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	$(VENV_OPENVINO)/bin/python -m pip uninstall --quiet --disable-pip-version-check --yes onnxruntime
+	@if $(VENV_OPENVINO)/bin/python -m pip install --quiet --disable-pip-version-check --force-reinstall --no-deps onnxruntime-openvino; then \
+	  $(VENV_OPENVINO)/bin/python -c 'import onnxruntime as o; assert "OpenVINOExecutionProvider" in o.get_available_providers()' && \
+	  $(VENV_OPENVINO)/bin/python -m pytest tests/models/test_providers.py; \
+	else \
+	  echo "skipped: there is no onnxruntime-openvino for this Python and platform (see above)"; \
 	fi
 
 test-pythons:             ## the tests on each version of Python that is declared and found, in environments of their own
@@ -77,12 +89,11 @@ wheels: $(READY)          ## the package and the models of the gardens, into dis
 	$(BIN)/python -m build --wheel --outdir dist .
 	$(BIN)/python -m build --wheel --outdir dist garden_assets
 
-wheel-check: $(READY)     ## build the wheel, install it in a clean environment, run the demo from it
-	rm -rf build dist
-	$(BIN)/python -m build --wheel --outdir dist .
+wheel-check: wheels       ## build both wheels, install them in a clean environment, run the demo and open the models from them
 	rm -rf build/clean && $(PYTHON) -m venv build/clean
 	build/clean/bin/python -m pip install --quiet --disable-pip-version-check dist/*.whl
 	cd build && clean/bin/swardmap demo --out demo --frames 3 --overwrite
+	cd build && clean/bin/python -c 'from swardmap.synth.assets import open_assets; print("models of the gardens:", open_assets().digest)'
 
 clean:
 	rm -rf build dist demo site .mypy_cache .ruff_cache .pytest_cache .hypothesis
