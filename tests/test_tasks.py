@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -14,9 +15,12 @@ import yaml
 from packaging.requirements import Requirement
 
 import swardmap
+from swardmap.cli.app import run
 from swardmap.geometry import Intrinsics
 from swardmap.io.sources.folder import write_folder
 from swardmap.synth.analytic import AnalyticSource, garden_scene, lane_poses
+from swardmap.teach.gate import judge
+from tests.teach.test_run import gardens
 
 SMALL = Intrinsics(160, 120, 115.0, 115.0, 79.5, 59.5)
 ROOT = Path(__file__).parent.parent
@@ -121,3 +125,35 @@ def test_a_robot_gets_its_files_as_the_page_says(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     file = tmp_path / shlex.split(start)[-1].removeprefix("~/")
     assert yaml.safe_load(file.read_text(encoding="utf-8"))
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+def test_a_lawn_is_taught_as_the_page_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One step of learning in place of sixty, and four images for the gate, which lets all pass."""
+    pytest.importorskip("torch", reason="learning needs torch (pip install 'swardmap[train]')")
+    pytest.importorskip("onnxscript", reason="export needs the package onnxscript")
+    shown = shown_commands("docs/tasks/teach.md")
+    told = [command for command in shown if command.startswith(("pip", "swardmap"))]
+    install, label, learn, use, label_recorded, compare = told
+    check_install(install)
+    for command in set(shown) - set(told):
+        program, file, *_ = shlex.split(command)
+        assert program == "ros2" or (ROOT / file).is_file(), command
+    for command in (f"swardmap record {DEMO} -o drive.mcap", label):
+        assert (done := run_shown(command, tmp_path)).returncode == 0, f"{command}\n{done.stderr}"
+    next_command = learn.partition("  #")[0].strip()
+    assert done.stdout.splitlines()[-1] == f"when it is right: {next_command}"
+    assert (tmp_path / "my-lawn.teach/page.html").stat().st_size > 10_000
+    shutil.copytree(DEMO, tmp_path / "robot" / shlex.split(label_recorded)[2])
+    assert (done := run_shown(label_recorded, tmp_path / "robot")).returncode == 0, done.stderr
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("swardmap.teach.gate.safety_frames", gardens)
+    monkeypatch.setattr("swardmap.teach.run.judge", lambda old, new: replace(judge(old, new), reasons=()))
+    assert run([*shlex.split(next_command)[1:], "--steps", "1", "--device", "cpu", "--threads", "1"]) == 0
+    assert (done := run_shown(use, tmp_path)).returncode == 0, done.stderr
+    for name, network in (("run_before", ""), ("run_after", "--segmenter my-lawn.onnx")):
+        done = run_shown(f"swardmap evaluate {DEMO} -o {name} --set source.stop=2 {network}", tmp_path)
+        assert done.returncode == 0, done.stderr
+    assert (done := run_shown(compare, tmp_path)).returncode == 0, done.stderr
+    assert "run_after" in done.stdout
