@@ -12,8 +12,6 @@ from swardmap.errors import InputError, OutputError, one_line, shortened
 from swardmap.io.staging import lock, name_beside
 
 MAX_BYTES = 2**31
-MORE_BYTES = 2**24
-"""Read at once of a file that does not tell its size, or that grows."""
 """Of a file that is read as a whole, where its reader knows no smaller limit."""
 LFS_POINTER = b"version https://git-lfs.github.com/spec/"
 
@@ -156,8 +154,8 @@ def read_bytes(path: str | Path, limit: int = MAX_BYTES) -> bytes:
             raise InputError(f"{path}: expected at most {limit} bytes, got {about.st_size}")
         with Path(path).open("rb") as file:
             content = file.read(about.st_size + 1)  # what is asked for is allocated, be it there or not
-            while len(content) <= limit and (more := file.read(MORE_BYTES)):
-                content += more
+            if len(content) > about.st_size:  # it does not tell its size, or grows
+                content += file.read(limit + 1 - len(content))
     except (OSError, ValueError) as error:  # ValueError: a null byte in the name
         reason = getattr(error, "strerror", None) or one_line(error)
         raise InputError(
