@@ -1,7 +1,7 @@
 """How readily the new network may say grass: as readily as is no more daring than the old one.
 
-Learning moves the bias of grass against all else. It is set anew, on images that were not learnt from, to the
-largest with which no more of what is no lawn is called grass, nor surely so, than by the old network.
+Learning moves the bias of grass against all else. It is set anew, on gardens that were not learnt from, to
+the largest with which no more of what is no lawn is called grass, nor surely so, than by the old network.
 """
 
 from collections.abc import Mapping, Sequence
@@ -52,7 +52,7 @@ def bias_as_daring(
     allowed = daring(old, grass, temperatures[0], 0.0)
     biases = np.arange(MOST_BIAS, -MOST_BIAS - STEP / 2, -STEP)
     fits = (float(b) for b in biases if (daring(new, grass, temperatures[1], b) <= allowed).all())
-    return round(next(fits, -MOST_BIAS), 2)
+    return round(next(fits, -MOST_BIAS), 2) + 0.0  # no minus zero
 
 
 def daring(found: LabelledLogits, grass: int, temperature: float, bias: float) -> NDArray[np.float64]:
