@@ -30,7 +30,7 @@ coverage: $(READY)        ## all tests but the slow ones, with floors on lines c
 	$(BIN)/python -m pytest -n auto --cov --cov-report=term --least-executed $(LEAST_EXECUTED)
 
 test-slow: $(READY)       ## the slow tests
-	$(BIN)/python -m pytest -m slow
+	$(BIN)/python -m pytest -m slow -n auto
 
 fuzz: $(READY)            ## damaged files for every reader, for FUZZ_SECONDS (1800); failing ones stay in fuzz_failures/
 	$(BIN)/python -m tests.fuzz.run $(FUZZ_SECONDS)
