@@ -36,6 +36,7 @@ def mapped(recording: Path, out: Path, *options: str) -> int:
 
 
 def lawn(folder: Path, x0: float, x1: float, y0: float, y1: float) -> Path:
+    pytest.importorskip("pyproj", reason="needs pip install 'swardmap[gps]'")
     ring = DATUM.to_gps([(x0, y0), (x1, y0), (x1, y1), (x0, y1)]).tolist()
     file = folder / "lawn.geojson"
     file.write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
