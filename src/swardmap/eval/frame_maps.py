@@ -87,10 +87,7 @@ class FrameMaps:
     ) -> tuple[float, float] | None:
         """(dz/dx, dz/dy) of the ground that the frame shows, in the map; None = none."""
         ground = self._depth_of(frame, T_map_camera, config, spec).ground
-        if ground is None:
-            return None
-        a, b, _ = ground.plane.tolist()
-        return a, b
+        return None if ground is None else ground.shown_slope
 
     def _depth_of(self, frame: Frame, T_map_camera: Pose, config: Config, spec: GridSpec) -> Located:
         """Cells and ground of a frame: the same for every mask and for every rule of marking."""

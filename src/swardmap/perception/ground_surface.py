@@ -45,6 +45,12 @@ class Ground:
     floor_m: Float32
     carried: bool = False
 
+    @property
+    def shown_slope(self) -> tuple[float, float] | None:
+        """(dz/dx, dz/dy) that this view itself has shown; None if it is that of an earlier one."""
+        a, b, _ = self.plane.tolist()
+        return None if self.carried else (a, b)
+
     def height_m(self, spec: GridSpec) -> Float32:
         """(height, width) float32 height of the ground in the middle of each cell; NaN = not seen."""
         a, b, c = self.plane

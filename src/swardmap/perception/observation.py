@@ -90,10 +90,7 @@ class Observation:
     @property
     def ground_slope(self) -> tuple[float, float] | None:
         """(dz/dx, dz/dy) of the ground that this view itself has shown, in the map; None = none."""
-        if self.ground is None or self.ground.carried:
-            return None
-        a, b, _ = self.ground.plane.tolist()
-        return a, b
+        return None if self.ground is None else self.ground.shown_slope
 
     @property
     def semantic_grid(self) -> OccupancyGrid:
