@@ -188,12 +188,14 @@ def teach(there: Path, start: Path | None, more: list[str]) -> None:
             "cpu_s": round(time.process_time() - spent),
             "most_memory_mb": most_mb,
         }
-        gate = json.loads((there / "taught.teach" / "gate.json").read_text())
+        told_by_gate = there / "taught.teach" / "gate.json"
+        gate = json.loads(told_by_gate.read_text()) if told_by_gate.is_file() else {}  # the drive was refused
         (there / "verdict.json").write_text(json.dumps({"code": code, **took, **gate}, indent=1))
 
 
 Figures = dict[str, tuple[int, int]]
 """Hits and cases of each."""
+NETWORKS = ("before", "after", "true masks")
 
 
 def measure(there: Path, start: Path | None) -> dict[str, Figures]:
@@ -245,7 +247,7 @@ def print_table(found: Mapping[str, Mapping[str, Figures]]) -> None:
     for case, by_network in found.items():
         for name, figures in by_network.items():
             print(f"{case:<22} {name:<10} {told(figures)}")
-    for name in ("before", "after", "true masks"):
+    for name in NETWORKS:
         of_all = [by_network[name] for by_network in found.values() if name in by_network]
         total = {
             metric: (sum(f[metric][0] for f in of_all), sum(f[metric][1] for f in of_all))
@@ -263,6 +265,37 @@ def print_table(found: Mapping[str, Mapping[str, Figures]]) -> None:
         print(f"mean {np.mean(kept):.3f}, 95 % interval +- {half:.3f}, least {min(kept):.3f}")
 
 
+COLUMNS = {
+    "lawn kept free within 5 m": ("lawn_kept_near", True),
+    "obstacle cells called free": ("free_near", True),
+    "of them beyond the margin": ("free_beyond_margin_near", True),
+    "things missed": ("things_missed", False),
+    "things dangerous": ("things_dangerous", False),
+    "persons dangerous": ("persons_dangerous", False),
+    "corridor missed": ("corridor_missed", False),
+    "false stops": ("false_stops", False),
+}
+"""Of the table for a page: what it is called, the metric, whether in percent."""
+
+
+def print_page_table(found: Mapping[str, Mapping[str, Figures]]) -> None:
+    """The same as Markdown: before / after / true masks."""
+    print("| garden | after, of true masks | " + " | ".join(COLUMNS) + " |")
+    print("|---" * (len(COLUMNS) + 2) + "|")
+    for case, networks in found.items():
+        taught = networks.get("after", networks["before"])  # refused: as it was
+        kept = taught["lawn_kept_near"][0] / networks["true masks"]["lawn_kept_near"][0]
+        cells = []
+        for metric, percent in COLUMNS.values():
+            counts = [networks.get(n, networks["before"])[metric] for n in NETWORKS]
+            if percent:
+                cells.append(" / ".join(f"{100 * hits / max(1, of):.1f}" for hits, of in counts) + " %")
+            else:
+                cells.append(" / ".join(str(hits) for hits, _ in counts) + f" of {counts[-1][1]}")
+        refused = "" if "after" in networks else " (refused)"
+        print(f"| {case} | {kept:.0%}{refused} | " + " | ".join(cells) + " |")
+
+
 def main() -> None:
     """Film, teach, or print the table."""
     parser = argparse.ArgumentParser(
@@ -275,6 +308,7 @@ def main() -> None:
     parser.add_argument("--part", action="append", choices=tuple(FRAMES), help="of a film; none = all")
     parser.add_argument("--paint", action="append", choices=tuple(PAINTS), help="make such copies, too")
     parser.add_argument("--only", action="append", help="names of the gardens to teach or to measure")
+    parser.add_argument("--markdown", action="store_true", help="print the table for a page")
     parser.add_argument("--start", type=Path, help="network to begin from, if not the package's")
     chosen, more = parser.parse_known_args()
     if chosen.what == "film":
@@ -285,7 +319,8 @@ def main() -> None:
         return
     chosen_cases = [c for only in chosen.only or ["*"] for c in cases(chosen.out, only)]
     if chosen.what == "table":
-        print_table({case.name: measure(case, chosen.start) for case in chosen_cases})
+        found = {case.name: measure(case, chosen.start) for case in chosen_cases}
+        (print_page_table if chosen.markdown else print_table)(found)
         return
     for case in chosen_cases:
         teach(case, chosen.start, more)

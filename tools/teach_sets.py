@@ -8,8 +8,16 @@ r"""Make what `swardmap teach` keeps in the package, src/swardmap/data/teach: ga
         --illumination ${light%:*} --samples 2 --set rig.rate_hz=1
     done
 
+    python tools/teach_sets.py fresh FRESH/*                          # and of these:
+
+    for light in clear:6100 cloudy:6101 overcast:6102 sunset:6103 twilight:6104; do
+      swardmap synth FRESH/${light%:*} --scenes 4 --frames 3 --seed ${light#*:} --illumination ${light%:*} \
+        --samples 2 --no-sensor --set map.enabled=false --set rig.rate_hz=0.5
+    done
+
 `replay` is learnt from beside the owner's drive, so that nothing is forgotten: gardens that the network in
-the package learnt from. `safety` is never learnt from: the gate measures the old and the new network on it.
+the package learnt from. `fresh` is learnt from by none: the bias of a taught network is set by it. `safety`
+is never learnt from: the gate measures the old and the new network on it.
 Of the gardens in train-* it holds the views of the test body, and `replay` none of these gardens.
 """
 
@@ -64,6 +72,13 @@ def take_replay(folders: Sequence[Path], out: Path) -> None:
                 write_pair(out, f"{folder.name}-{k:03d}", frame, REPLAY_WIDTH)
 
 
+def take_fresh(folders: Sequence[Path], out: Path) -> None:
+    """All frames of filmed gardens, made smaller."""
+    for folder in folders:
+        for k, frame in enumerate(open_source(folder)):
+            write_pair(out, f"{folder.name}-{k:03d}", frame, REPLAY_WIDTH)
+
+
 def take_safety(folders: Sequence[Path], out: Path) -> None:
     """All frames of filmed gardens, made smaller, with what stands in each."""
     (out / IMAGES).mkdir()
@@ -114,7 +129,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("set", choices=("safety", "replay"))
+    parser.add_argument("set", choices=("safety", "replay", "fresh"))
     parser.add_argument("gardens", nargs="+", type=Path, help="folders of `swardmap synth`")
     parser.add_argument("--out", type=Path, default=Path(__file__).parents[1] / "src/swardmap/data/teach")
     chosen = parser.parse_args()
@@ -122,7 +137,8 @@ def main() -> None:
     shutil.rmtree(out, ignore_errors=True)
     for part in ("images", "labels"):
         (out / part).mkdir(parents=True)
-    (take_safety if chosen.set == "safety" else take_replay)(chosen.gardens, out)
+    take = {"safety": take_safety, "replay": take_replay, "fresh": take_fresh}[chosen.set]
+    take(chosen.gardens, out)
     size_mb = sum(file.stat().st_size for file in out.rglob("*") if file.is_file()) / 1e6
     print(f"{len(list((out / 'images').iterdir()))} frames, {size_mb:.2f} MB in {out}")
 

@@ -34,7 +34,9 @@ def test_it_is_what_auto_means_and_says_where_it_comes_from(shipped: OnnxSegment
     assert shipped.label_set == GRASS_OBSTACLE_PERSON
     assert "MSRC" in shipped.spec.licence
     assert shipped.spec.training["data"]
-    exported = shipped.spec.metrics["at_export"]
+    exported = shipped.spec.metrics.get(
+        "at_export", shipped.spec.metrics
+    )  # if tools/shift_grass.py went over it
     assert exported["int8"]["grass_iou"] > exported["float32"]["grass_iou"] - 0.005
     path = bundled_network()
     assert path is not None

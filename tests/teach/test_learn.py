@@ -21,7 +21,9 @@ def recipe(**changes: float) -> Recipe:
 def test_the_encoder_stays_as_it_is_unless_it_has_a_rate(rate: float) -> None:
     from swardmap.train.build import build_network
 
-    network = build_network(recipe(encoder_rate=rate), pretrained=False)
+    taught = recipe(encoder_rate=rate)
+    assert (taught.schedule.kept_batches > 0) == (rate == 0)  # what an encoder says is kept while it stays
+    network = build_network(taught, pretrained=False)
     assert any(p.requires_grad for p in network.encoder.parameters()) == (rate > 0)
     assert all(p.requires_grad for p in network.decoder.parameters())
     assert all(p.requires_grad for p in network.segmentation_head.parameters())

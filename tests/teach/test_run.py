@@ -2,24 +2,30 @@
 
 import json
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from swardmap.cli.app import run
+from swardmap.config import Config
+from swardmap.io import open_source
 from swardmap.io.sources.folder import write_folder
 from swardmap.teach.gate import Row, Verdict, judge
+from swardmap.teach.learn import teach_recipe
 from swardmap.teach.page import warnings
+from swardmap.teach.plan import LearnConfig, TeachPlan, circle
+from swardmap.teach.run import Task, _learn_twice, label
 from swardmap.teach.safety import SafetyFrame
 from swardmap.teach.write import Written
 from swardmap.train.recipe import NetworkConfig
 from tests.teach.scenes import lane
 
 TINY = NetworkConfig(
-    encoder="efficientnet-lite0", decoder_channels=16, rates=(1, 2, 3), width=96, height=64, imagenet=False
+    encoder="efficientnet-lite0", decoder_channels=16, rates=(1, 2, 3), width=96, height=64, imagenet=True
 )
 
 
@@ -40,7 +46,7 @@ def start(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     recipe = Recipe("tiny", TINY, data=(DataConfig(name="a", folder="a"),))
     path = tmp_path_factory.mktemp("networks") / "tiny.onnx"
-    export_onnx(build_network(recipe), network_spec(recipe), path)
+    export_onnx(build_network(recipe, pretrained=False), network_spec(recipe), path)
     return path
 
 
@@ -51,6 +57,21 @@ def gardens() -> Iterator[SafetyFrame]:
         labels[24:] = 1
         rgb = np.array([(150, 150, 160), (70, 120, 50)], np.uint8)[labels]
         yield SafetyFrame(str(k), rgb, labels, np.zeros((48, 64), np.uint16), {})
+
+
+def make_small(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A tiny network, and three frames with true labels in place of what the package replays."""
+    known = tmp_path / "known"
+    write_folder(lane(n=3), known)
+    for part, name in (("images", "rgb"), ("labels", "labels")):
+        (known / part).mkdir(exist_ok=True)
+        for file in sorted((known / name).iterdir()):
+            (known / part / file.name).write_bytes(file.read_bytes())
+    monkeypatch.setattr("swardmap.teach.learn.NetworkConfig", lambda: TINY)
+    monkeypatch.setattr("swardmap.teach.learn.REPLAY", known)
+    monkeypatch.setattr("swardmap.teach.learn.DEMO", known)
+    monkeypatch.setattr("swardmap.teach.learn.FRESH", known)
+    monkeypatch.setattr("swardmap.teach.learn.HOLD_OUT", 3)
 
 
 def test_labels_and_page_are_made_kept_and_made_anew(
@@ -140,6 +161,42 @@ def test_two_drives_of_one_name_are_told_apart(drive: Path, tmp_path: Path) -> N
     assert sorted(facts["left_out"]) == names
 
 
+class KilledError(Exception):
+    pass
+
+
+def test_a_killed_second_round_goes_on_to_the_same_weights(
+    drive: Path, start: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import torch
+
+    from swardmap.train.checkpoint import read_checkpoint
+
+    make_small(monkeypatch, tmp_path)
+    torch.set_num_threads(1)
+    learning = LearnConfig(steps=2, again=1.5, kept_batches=2, check_every=1, batch=2)
+    plan, config = TeachPlan(circle(0.3), learn=learning), Config()
+    averages = []
+    for kill in (False, True):
+        out = tmp_path / ("cut" if kill else "whole") / "my-lawn.onnx"
+        task = Task([open_source(drive, config)], [drive], out, config, plan, start)
+        label(task, lambda *_: None)
+        recipe = teach_recipe("my-lawn", start.absolute(), "MIT", learning, (), "fp32", 5.0)
+
+        def killed(figures: Mapping[str, Any]) -> None:
+            if figures["step"] == 4 and "accuracy" not in figures:
+                raise KilledError
+
+        if kill:
+            with pytest.raises(KilledError):
+                _learn_twice(task, recipe, killed, "cpu", 1)
+        last = _learn_twice(task, recipe, lambda _: None, "cpu", 1)
+        state = read_checkpoint(last)
+        assert state["step"] == 3
+        averages.append(state["average"])
+    assert all(torch.equal(averages[0][key], value) for key, value in averages[1].items())
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_a_drive_is_learnt_and_the_figures_travel(
@@ -149,16 +206,7 @@ def test_a_drive_is_learnt_and_the_figures_travel(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    known = tmp_path / "known"
-    write_folder(lane(n=3), known)  # with true labels, in place of what the package holds
-    for part, name in (("images", "rgb"), ("labels", "labels")):
-        (known / part).mkdir(exist_ok=True)
-        for file in sorted((known / name).iterdir()):
-            (known / part / file.name).write_bytes(file.read_bytes())
-    monkeypatch.setattr("swardmap.teach.learn.NetworkConfig", lambda: TINY)
-    monkeypatch.setattr("swardmap.teach.learn.REPLAY", known)
-    monkeypatch.setattr("swardmap.teach.learn.DEMO", known)
-    monkeypatch.setattr("swardmap.teach.learn.HOLD_OUT", 3)
+    make_small(monkeypatch, tmp_path)
     monkeypatch.setattr("swardmap.teach.gate.safety_frames", gardens)
     monkeypatch.setattr("swardmap.teach.run.judge", lambda old, new: replace(judge(old, new), reasons=()))
     out = tmp_path / "my-lawn.onnx"

@@ -53,3 +53,14 @@ def test_one_frame_against_all_others_is_contradicted_and_they_are_not() -> None
     values = [disagreement(s, votes, True) for s in seen]
     assert contradicted(values, MOST_AGAINST).tolist() == [False] * 6 + [True] * 2
     assert contradicted([0.0, 0.9, 0.0, None], MOST_AGAINST).tolist() == [False] * 4  # something moved
+
+
+def test_views_that_have_nothing_standing_in_common_say_nothing() -> None:
+    """After a sharp turn: each sees things where the other saw nothing, and some flat ground lies in both."""
+    one = view()
+    far = replace(SPEC, origin_m=(3.0, -1.5))  # the second begins where no box of the first is seen
+    column = np.arange(SPEC.width)
+    first = replace(one, flat=one.flat & (column < 50), raised=one.raised & (column < 35))
+    second = replace(view(), spec=far)
+    assert min(int(s.raised.sum()) for s in (first, second)) >= 25
+    assert shift_between(first, second) is None

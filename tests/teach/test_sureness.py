@@ -1,14 +1,21 @@
-"""The bias of grass after learning: as daring as before, whatever learning did to it."""
+"""How sure a taught network may be, and how readily it says grass: no more daringly than before."""
+
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 pytest.importorskip("torch")
 
-from swardmap.teach.sureness import STEP, bias_as_daring, daring
+from swardmap.teach import sureness
+from swardmap.teach.learn import refit_sureness
+from swardmap.teach.safety import FRESH, REPLAY, SAFETY
+from swardmap.teach.sureness import AS_DARING, STEP, bias_as_daring, daring
 from swardmap.train.calibrate import LabelledLogits
 
 GRASS = 1
+EQUAL = (1.0, 1.0)
 
 
 def logits_of(shift: float = 0.0, better: float = 0.0, n: int = 20_000) -> LabelledLogits:
@@ -23,20 +30,60 @@ def logits_of(shift: float = 0.0, better: float = 0.0, n: int = 20_000) -> Label
 
 @pytest.mark.parametrize("shift", [-0.8, 0.0, 1.3])
 def test_what_learning_added_to_grass_is_taken_back(shift: float) -> None:
-    bias = bias_as_daring(logits_of(), logits_of(shift), GRASS, (1.0, 1.0))
+    bias = bias_as_daring(logits_of(), logits_of(shift), GRASS, (1.0, 1.0), EQUAL)
     assert bias == pytest.approx(-shift, abs=STEP)
 
 
 def test_a_better_network_may_say_grass_more_readily_and_is_no_more_daring() -> None:
     old, new = logits_of(), logits_of(better=1.0)
-    bias = bias_as_daring(old, new, GRASS, (1.07, 1.07))
+    bias = bias_as_daring(old, new, GRASS, (1.07, 1.07), EQUAL)
     assert bias > 0.3
     allowed = daring(old, GRASS, 1.07, 0.0)
     assert (daring(new, GRASS, 1.07, bias) <= allowed).all()
     assert (daring(new, GRASS, 1.07, bias + 2 * STEP) > allowed).any()
 
 
+def test_less_may_be_wrong_and_sure_than_before() -> None:
+    old, new = logits_of(), logits_of(better=1.0)
+    bias = bias_as_daring(old, new, GRASS, (1.07, 1.07))
+    (_, allowed), (_, found) = daring(old, GRASS, 1.07, 0.0), daring(new, GRASS, 1.07, bias)
+    assert found <= AS_DARING[1] * allowed < allowed
+
+
 def test_sure_pixels_are_those_that_would_clear_a_cell() -> None:
     logits = np.log(np.array([[0.04, 0.96, 0.0], [0.06, 0.94, 0.0], [0.6, 0.4, 0.0], [0.1, 0.9, 0.0]]) + 1e-9)
     found = LabelledLogits(logits, np.array([0, 2, 0, 1]), np.full(4, 0.25))
     np.testing.assert_allclose(daring(found, GRASS, 1.0, 0.0), [2 / 3, 1 / 3])
+
+
+@pytest.mark.parametrize(("fitted", "expected"), [(2.5, 2.5), (0.6, 1.1)])
+def test_a_network_becomes_no_surer_than_the_start(
+    fitted: float, expected: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written: dict[str, float] = {}
+    monkeypatch.setattr(sureness, "read_spec", lambda _: SimpleNamespace(temperature=1.1))
+    monkeypatch.setattr(sureness, "fit_temperature", lambda *_: fitted)
+    monkeypatch.setattr(sureness, "with_spec", lambda _, **changes: written.update(changes))
+    assert sureness.set_temperature(Path("new.onnx"), Path("old.onnx"), {}) == expected
+    assert written == {"temperature": expected}
+
+
+def test_neither_the_drive_nor_gardens_that_were_learnt_say_how_sure_it_may_be(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Long grass that stands counts as no lawn there: it made a network that knew it unsure of all lawns.
+
+    In gardens that it has learnt the start is seldom wrong, and a network that may be no more so says grass
+    nowhere.
+    """
+    asked: list[dict[str, int]] = []
+    for one in ("set_temperature", "set_bias"):
+        monkeypatch.setattr(
+            sureness, one, lambda _path, _start, held: asked.append({k: len(v) for k, v in held.items()})
+        )
+    refit_sureness(Path("new.onnx"), Path("old.onnx"))
+    fresh = {file.read_bytes() for file in (FRESH / "images").iterdir()}
+    assert asked == [{"fresh": len(fresh)}] * 2
+    assert len(fresh) >= 40
+    for other in (REPLAY, SAFETY):
+        assert not fresh & {file.read_bytes() for file in (other / "images").iterdir()}

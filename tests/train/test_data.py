@@ -10,16 +10,24 @@ import numpy as np
 import pytest
 import yaml
 
+from swardmap.cli.demo import RECORDING
 from swardmap.cli.train import counts_line
 from swardmap.errors import ConfigError, InputError
 from swardmap.geometry import Intrinsics
 from swardmap.io.sources.eden import write_eden
 from swardmap.io.sources.folder import write_folder
-from swardmap.labels import VOID_ID
+from swardmap.labels import GRASS, OTHER, PERSON, VOID_ID
 from swardmap.synth.analytic import AnalyticSource, lane_poses
 from swardmap.train.augment import paste, relight, warp
 from swardmap.train.data import draw_batch, load_photos
-from swardmap.train.photos import OBSTACLE_CODE, PARTIAL_CODE, PSEUDO_CODE, image_paths
+from swardmap.train.photos import (
+    OBSTACLE_CODE,
+    PARTIAL_CODE,
+    PSEUDO_CODE,
+    SMALL_CODE,
+    image_paths,
+    small_obstacles,
+)
 from swardmap.train.recipe import AugmentConfig, DataConfig, load_recipe, recipe_from_dict, recipe_to_dict
 
 MakeRecipe = Callable[..., dict[str, Any]]
@@ -88,6 +96,29 @@ def test_obstacles_that_weigh_otherwise_have_a_code_of_the_set(
     checked = load_photos(recipe_from_dict(recipe), data_root, validation=True)[0].photos[0]
     assert OBSTACLE_CODE not in np.unique(checked.codes)
     assert OBSTACLE_CODE + 1 not in np.unique(checked.codes)
+
+
+def test_small_things_are_what_stands_alone_and_covers_little_of_a_recordings_frame(
+    tiny_recipe: MakeRecipe,
+) -> None:
+    network = recipe_from_dict(tiny_recipe()).network
+    mask = np.full((60, 80), GRASS.id, np.uint8)
+    mask[:10] = OTHER.id  # a hedge
+    mask[10:12, 40] = OTHER.id  # a post of it
+    mask[30:36, 20:28] = OTHER.id  # 48 pixels, 1 % of the image
+    mask[50:54, 60:70] = OTHER.id
+    mask[40:42, 5:8] = PERSON.id
+    expected = np.zeros(mask.shape, np.bool_)
+    expected[50:54, 60:70] = True
+    np.testing.assert_array_equal(small_obstacles(mask, network), expected)
+
+    tree = tiny_recipe() | {"data": [{"name": "drive", "folder": ".", "kind": "recording"}]}
+    plain = one_photo(RECORDING, tree).codes
+    tree["data"][0]["small_things"] = True
+    codes = one_photo(RECORDING, tree).codes
+    small = small_obstacles(plain, network)
+    assert small.any()
+    np.testing.assert_array_equal(codes, np.where(small, SMALL_CODE, plain))
 
 
 def test_held_out_images_are_never_learnt_from(data_root: Path) -> None:

@@ -8,7 +8,7 @@ from torch.nn import functional as F  # noqa: N812 - torch's own name for it
 
 from swardmap.train.data import make_codes
 from swardmap.train.loss import set_loss
-from swardmap.train.photos import FREE_CODE, OBSTACLE_CODE, PARTIAL_CODE, PSEUDO_CODE
+from swardmap.train.photos import FREE_CODE, OBSTACLE_CODE, PARTIAL_CODE, PSEUDO_CODE, SMALL_CODE
 from swardmap.train.recipe import recipe_from_dict
 
 MakeRecipe = Callable[..., dict[str, Any]]
@@ -64,6 +64,15 @@ def test_a_class_of_a_set_weighs_what_the_recipe_says(
     weights = torch.ones(3)
     weights[class_id] = 3.0
     torch.testing.assert_close(ours, F.cross_entropy(logits, target, weights))
+
+
+def test_small_things_weigh_what_the_schedule_says(tiny_recipe: MakeRecipe) -> None:
+    tree = tiny_recipe()
+    tree["data"][0]["obstacle_weight"] = 3.0
+    tree["schedule"]["small_weight"] = 12.0
+    codes = make_codes(recipe_from_dict(tree))
+    assert codes.weights[[0, OBSTACLE_CODE, SMALL_CODE]].tolist() == [1, 3, 12]
+    assert codes.sets[SMALL_CODE].tolist() == [True, False, False]
 
 
 def test_a_sigmoid_costs_binary_cross_entropy(tiny_recipe: MakeRecipe) -> None:

@@ -13,9 +13,10 @@ from PIL import Image
 import swardmap
 from swardmap.cli.demo import RECORDING
 from swardmap.errors import ModelError
+from swardmap.labels import Role
 from swardmap.models import bundled_network
 from swardmap.models.onnx import OnnxSegmenter
-from swardmap.train.build import HEAD, add_grass_bias, build_network, export_shift, network_spec
+from swardmap.train.build import HEAD, add_biases, build_network, export_shift, network_spec
 from swardmap.train.checkpoint import load_network
 from swardmap.train.data import load_photos
 from swardmap.train.export import export_onnx, quantise, with_spec
@@ -61,9 +62,10 @@ def test_a_network_comes_back_from_its_file(
         expected = first(images)
     spec = network_spec(recipe)
     with torch.no_grad():
-        first.get_parameter(HEAD[1]).add_(torch.tensor([0.0, 0.7, -0.4]))
+        first.get_parameter(HEAD[1]).add_(torch.tensor([0.0, 0.7, -0.7]))
     export_onnx(first, spec, tmp_path / "net.onnx")
-    with_spec(tmp_path / "net.onnx", training={"grass_bias": 0.5, "class_biases": [0.0, 0.2, -0.4]})
+    told = {"grass_bias": 0.5, "person_bias": -0.3, "class_biases": [0.0, 0.2, -0.4]}
+    with_spec(tmp_path / "net.onnx", training=told)
     assert str(Path(swardmap.__file__).parent).encode() not in (tmp_path / "net.onnx").read_bytes()
 
     again = build_network(recipe)
@@ -99,10 +101,10 @@ def test_new_classes_begin_as_what_they_are_called_or_what_role_they_play(
 ) -> None:
     recipe = recipe_from_dict(tiny_recipe())
     first, spec = settled(build_network(recipe), images), network_spec(recipe)
-    add_grass_bias(first, spec, 0.7)
+    add_biases(first, spec, {Role.FREE: 0.7})
     export_onnx(first, spec, tmp_path / "net.onnx")
     with_spec(tmp_path / "net.onnx", training={"grass_bias": 0.7})
-    add_grass_bias(first, spec, -0.7)
+    add_biases(first, spec, {Role.FREE: -0.7})
     own = recipe_from_dict(tiny_recipe(classes="person=person,clover=free,pond=obstacle,grass=free"))
     again = build_network(own)
     load_onnx_weights(tmp_path / "net.onnx", again, network_spec(own), [images])

@@ -28,6 +28,9 @@ def export(
     grass_bias: Annotated[
         float, typer.Option(help="Added to grass's logit: less grass missed, more obstacles called grass.")
     ] = 0.0,
+    person_bias: Annotated[
+        float, typer.Option(help="Added to persons' logit: fewer persons called other, more others persons.")
+    ] = 0.0,
     blend: Annotated[
         list[Path] | None,
         typer.Option(help="Checkpoint to mix in, such as the start.pt of a fine-tuning. Repeatable."),
@@ -72,6 +75,7 @@ def export(
         tuple(zip(paths, shares, strict=True)),
         calibrate_classes,
         familiar,
+        person_bias=person_bias,
     )
     if as_json:
         print(json.dumps(result, indent=2))

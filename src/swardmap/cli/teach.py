@@ -104,7 +104,7 @@ def teach_command(
     if not yes:
         print(json.dumps(dict(labelled.facts), indent=2) if as_json else _labels_text(labelled, task))
         return
-    verdict = learn(task, device, threads, _Report(task.plan.learn.steps, as_json))
+    verdict = learn(task, device, threads, _Report(task.plan.learn.total_steps, as_json))
     if as_json:
         print(json.dumps({"labels": dict(labelled.facts), **verdict.to_dict()}, indent=2))
     else:

@@ -11,7 +11,7 @@ from swardmap.errors import ConfigError, require
 from swardmap.labels import GRASS_OBSTACLE_PERSON
 from swardmap.models.spec import NetworkSpec
 from swardmap.teach.plan import LearnConfig
-from swardmap.teach.safety import REPLAY
+from swardmap.teach.safety import FRESH, REPLAY
 from swardmap.teach.write import HELD, LEARN, SAID
 from swardmap.train.recipe import AugmentConfig, DataConfig, NetworkConfig, Recipe, ScheduleConfig
 
@@ -77,7 +77,7 @@ def teach_recipe(
         steps=learn.steps, batch=learn.batch, crop=0, zoom=1.3, decoder_rate=learn.decoder_rate,
         encoder_rate=learn.encoder_rate, warmup=min(5, learn.steps), averaging=0.95, person_weight=3.0,
         pseudo_weight=0.3, paste_person=0.25, covered=0.02, check_every=learn.check_every,
-        precision=precision, frozen_norms=True,
+        precision=precision, frozen_norms=True, kept_batches=0 if learn.encoder_rate else learn.kept_batches,
     )  # fmt: skip
     network = NetworkConfig()
     if learn.encoder_rate == 0:
@@ -121,15 +121,14 @@ def check_start(spec: NetworkSpec, path: Path) -> None:
         raise ConfigError(f"{path}: expected a network of the classes other, grass and person, got {names}")
 
 
-def learn_labels(recipe: Recipe, folder: Path, report: Report, device: str, threads: int) -> Path:
-    """Train until the recipe's last step; goes on where it was. Returns the folder of the checkpoints."""
+def learn_labels(recipe: Recipe, folder: Path, out: Path, report: Report, device: str, threads: int) -> None:
+    """Train until the recipe's last step; goes on where it was. `out` is the folder of the checkpoints."""
     torch = require("torch", "train")
     from swardmap.train.loop import train
 
     if threads:
         torch.set_num_threads(threads)
-    train(recipe, folder, folder / "run", report, device)
-    return folder / "run"
+    train(recipe, folder, out, report, device)
 
 
 def device_and_precision(device: str) -> tuple[str, str]:
@@ -142,39 +141,45 @@ def device_and_precision(device: str) -> tuple[str, str]:
 
 
 def export_candidate(
-    run: Path, folder: Path, out: Path, start: Path, spec: NetworkSpec, share: float
+    learnt: Path, begun: Path, folder: Path, out: Path, start: Path, spec: NetworkSpec, share: float
 ) -> None:
     """Write a network with a share of the weights it began with: INT8, size and biases as the start has them.
 
     Args:
-        run: folder of the checkpoints.
+        learnt: checkpoint of what was learnt.
+        begun: of what it began from.
         folder: the data root.
         out: the .onnx file.
         start: the file that it began from.
         spec: of that file.
         share: of the start's weights.
     """
-    from swardmap.train.export import read_spec, with_spec
     from swardmap.train.release import release
 
-    blend = ((run / "start.pt", share),) if share > 0 else ()
+    blend = ((begun, share),) if share > 0 else ()
     release(
-        run / "last.pt", folder, out, images=CALIBRATION_IMAGES, size=(spec.width, spec.height), blend=blend,
+        learnt, folder, out, images=CALIBRATION_IMAGES, size=(spec.width, spec.height), blend=blend,
         familiar=False, biases_of=start, figures=False,
     )  # fmt: skip
-    with_spec(out, temperature=max(spec.temperature, read_spec(out).temperature))
 
 
-def refit_bias(path: Path, start: Path, recipe: Recipe, folder: Path) -> float:
-    """Let the new network say grass as readily as is no more daring than the start; what was added.
+def refit_sureness(path: Path, start: Path) -> float:
+    """Let the new network be as sure, and say grass as readily, as is no more daring than the start.
 
-    By gardens with exact labels alone: what stands by the drive's labels may be long grass; the gate sees it.
+    By gardens with exact labels alone: what stands by the drive's labels may be long grass, and a network
+    that knows it for lawn would be made unsure of everything. The gate sees it. And by gardens that are not
+    replayed: the network in the package has learnt those, and is seldom wrong in them.
+
+    Returns:
+        What was added to the bias of grass.
     """
-    from swardmap.teach.sureness import set_bias
-    from swardmap.train.data import load_photos
+    from swardmap.teach.sureness import set_bias, set_temperature
+    from swardmap.train.photos import read_photos
 
-    held = load_photos(recipe, folder, validation=True)
-    return set_bias(path, start, {s.config.name: s.photos for s in held if s.config.name != HELD})
+    fresh = DataConfig(name="fresh", folder=str(FRESH), validation=True)
+    gardens = {fresh.name: read_photos(fresh, 0, NetworkConfig(), Path())}
+    set_temperature(path, start, gardens)
+    return set_bias(path, start, gardens)
 
 
 def know_images(path: Path, start: Path, recipe: Recipe, folder: Path) -> None:

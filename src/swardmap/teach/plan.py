@@ -26,6 +26,11 @@ class LabelConfig(Checked):
     hole_m: float = setting(0.15, "what lies so far below the ground is no grass", minimum=0.01)
     near_m: float = setting(5.0, "farther away nothing is called grass", minimum=0.5)
     beside_m: float = setting(0.10, "so near to something raised no ground is called grass", minimum=0)
+    open_beside_m: float = setting(
+        0.30,
+        "so near to something raised, in most views, a network's word for grass counts nowhere",
+        minimum=0,
+    )
     cell_pixels: float = setting(2.0, "pixels of a driven cell that a frame teaches, on average", minimum=0.1)
     sure: float = setting(0.9, "from this on the network's word about flat ground counts", minimum=0.5)
     person: float = setting(0.6, "from this on its word for a person", minimum=0, maximum=1)
@@ -38,7 +43,7 @@ class LabelConfig(Checked):
 class LearnConfig(Checked):
     """How it learns; small, so that two cores need minutes."""
 
-    steps: int = setting(80, "of the optimiser", minimum=1)
+    steps: int = setting(240, "of the optimiser", minimum=1)
     batch: int = setting(8, "views a step", minimum=1)
     decoder_rate: float = setting(1e-3, "learning rate at its peak", minimum=0)
     encoder_rate: float = setting(0.0, "learning rate at its peak; 0 = it stays as it is", minimum=0)
@@ -52,7 +57,27 @@ class LearnConfig(Checked):
         3.0, "of what is no lawn in the replay: driven ground shall not drag paths and beds along", minimum=0
     )
     replay: float = setting(0.5, "share of the views that are not of the drive", minimum=0, maximum=0.95)
-    check_every: int = setting(50, "steps from one checkpoint to the next", minimum=1)
+    again: float = setting(
+        0.5,
+        "as many of these steps once more, with what the network is sure of by then about ground not driven",
+        minimum=0,
+        maximum=10,
+    )
+    kept_batches: int = setting(
+        40,
+        "batches of views that are drawn, then learnt from again and again while the encoder stays as it is",
+    )
+    check_every: int = setting(80, "steps from one checkpoint to the next", minimum=1)
+
+    @property
+    def again_steps(self) -> int:
+        """Steps of the second round."""
+        return round(self.again * self.steps)
+
+    @property
+    def total_steps(self) -> int:
+        """Of both rounds."""
+        return self.steps + self.again_steps
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,10 +17,12 @@ from swardmap.io.files import output_error, read_bytes, write_text
 from swardmap.mapping.work_area import WorkArea
 from swardmap.models import build_segmenter, bundled_network
 from swardmap.models.spec import NetworkSpec
+from swardmap.teach.again import AGAIN, SAID_AGAIN, label_again, second_recipe
 from swardmap.teach.drive import read_drive
 from swardmap.teach.gate import Verdict, judge, measure
 from swardmap.teach.learn import (
     START_SHARES,
+    Report,
     check_start,
     device_and_precision,
     driven_weight,
@@ -28,13 +30,24 @@ from swardmap.teach.learn import (
     know_images,
     learn_labels,
     read_network,
-    refit_bias,
+    refit_sureness,
     teach_recipe,
     tell,
 )
 from swardmap.teach.page import JudgedDrive, teach_page, warnings
 from swardmap.teach.plan import TeachPlan
-from swardmap.teach.write import HELD, LEARN, SAID, Written, doubt_of, ground_of, write_facts, write_labels
+from swardmap.teach.write import (
+    HELD,
+    LEARN,
+    OPEN,
+    SAID,
+    Written,
+    doubt_of,
+    ground_of,
+    write_facts,
+    write_labels,
+)
+from swardmap.train.recipe import Recipe
 
 FACTS, PAGE, GATE = "labels.json", "page.html", "gate.json"
 RUN = "run"
@@ -173,7 +186,7 @@ def _facts_of(judged: Sequence[JudgedDrive]) -> dict[str, Any]:
     }
 
 
-def learn(task: Task, device: str, threads: int, report: Callable[[Mapping[str, Any]], None]) -> Verdict:
+def learn(task: Task, device: str, threads: int, report: Report) -> Verdict:
     """Learn from the labels, and write the network if the gate lets one pass.
 
     Returns:
@@ -193,12 +206,12 @@ def learn(task: Task, device: str, threads: int, report: Callable[[Mapping[str, 
         task.out.stem, start.absolute(), spec.licence, task.plan.learn, task.replay, precision, weight
     )
     _forget_other_runs(folder, recipe.digest)
-    run = learn_labels(recipe, folder, report, device, threads)
+    learnt = _learn_twice(task, recipe, report, device, threads)
     old = measure(start, folder / HELD)
     verdict, candidate = None, folder / "candidate.onnx"
     for share in START_SHARES:
-        export_candidate(run, folder, candidate, start, spec, share)
-        bias = refit_bias(candidate, start, recipe, folder)
+        export_candidate(learnt, folder / RUN / "start.pt", folder, candidate, start, spec, share)
+        bias = refit_sureness(candidate, start)
         verdict = judge(old, measure(candidate, folder / HELD))
         write_facts(folder / GATE, {"start_share": share, "grass_bias": bias, **verdict.to_dict()})
         if verdict.passes:
@@ -215,6 +228,24 @@ def learn(task: Task, device: str, threads: int, report: Callable[[Mapping[str, 
     return verdict
 
 
+def _learn_twice(task: Task, recipe: Recipe, report: Report, device: str, threads: int) -> Path:
+    """Learn from the drive, then again with what the network says of the rest; the last checkpoint."""
+    folder, plan = task.folder, task.plan
+    run, again = folder / RUN, folder / RUN / AGAIN
+    learn_labels(recipe, folder, run, report, device, threads)
+    if not plan.learn.again_steps:
+        return run / "last.pt"
+    share = label_again(folder, run / "last.pt", plan.labels)
+    weight = driven_weight(share, plan.learn.driven_share)
+    second = second_recipe(recipe, plan.learn, run / "last.pt", weight)
+
+    def further(figures: Mapping[str, Any]) -> None:
+        report({**figures, "step": figures["step"] + recipe.schedule.steps})
+
+    learn_labels(second, folder, again, further, device, threads)
+    return again / "last.pt"
+
+
 def _taught(task: Task, spec: NetworkSpec, share: float, verdict: Verdict, seconds: float) -> dict[str, Any]:
     """What travels in the file."""
     facts = read_json(task.folder / FACTS, {"digest": str})
@@ -227,7 +258,7 @@ def _taught(task: Task, spec: NetworkSpec, share: float, verdict: Verdict, secon
         "drives": facts["drives"],
         "driven_m2": facts["driven_m2"],
         "frames": facts["frames_learn"],
-        "steps": task.plan.learn.steps,
+        "steps": task.plan.learn.total_steps,
         **verdict.to_dict(),
     }
 
@@ -270,7 +301,7 @@ def _same_file(one: Path, two: Path) -> bool:
 def _clear(folder: Path) -> None:
     """Make the folder, without the labels and checkpoints of other settings."""
     try:
-        for part in (LEARN, HELD, SAID, RUN):
+        for part in (LEARN, HELD, SAID, OPEN, SAID_AGAIN, RUN):
             shutil.rmtree(folder / part, ignore_errors=True)
         (folder / FACTS).unlink(missing_ok=True)
         folder.mkdir(parents=True, exist_ok=True)

@@ -14,7 +14,9 @@ from swardmap.io.files import read_bytes
 from swardmap.io.images import decode, read_color, read_mask
 
 FOLDER = Path(__file__).parent.parent / "data" / "teach"
-SAFETY, REPLAY = FOLDER / "safety", FOLDER / "replay"
+SAFETY, REPLAY, FRESH = FOLDER / "safety", FOLDER / "replay", FOLDER / "fresh"
+"""What the gate measures on, what is learnt from, and by what a taught network's bias is set: gardens that
+neither it nor the network in the package has learnt from."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -50,6 +50,8 @@ def shift_between(one: SeenCells, two: SeenCells) -> Shift | None:
     spec = grid_around([one, two])
     reach = round(REACH_M / spec.resolution_m)
     (first, first_known), (second, second_known) = (_weights(s, spec) for s in (one, two))
+    if not ((first > 0) & (second_known > 0)).any() or not ((second > 0) & (first_known > 0)).any():
+        return None  # of what stands in one nothing lies in the other: after a sharp turn
     padded = [np.pad(a, reach) for a in (first, first_known)]
     total = cv2.matchTemplate(padded[0], second, cv2.TM_CCORR)
     known = cv2.matchTemplate(padded[1], second_known, cv2.TM_CCORR)

@@ -1,4 +1,4 @@
-"""How readily the new network may say grass: as readily as is no more daring than the old one.
+"""How sure the new network may be, and how readily it may say grass: no more daringly than the old one.
 
 Learning moves the bias of grass against all else. It is set anew, on gardens that were not learnt from, to
 the largest with which no more of what is no lawn is called grass, nor surely so, than by the old network.
@@ -12,13 +12,29 @@ from numpy.typing import NDArray
 
 from swardmap.labels import GRASS
 from swardmap.teach.gate import CLEARS_255
-from swardmap.train.calibrate import LabelledLogits, labelled_logits
-from swardmap.train.export import read_spec, shift_grass
+from swardmap.train.calibrate import LabelledLogits, fit_temperature, labelled_logits
+from swardmap.train.export import read_spec, shift_grass, with_spec
 from swardmap.train.photos import Photo
 
 MOST_BIAS = 2.0
 """Of the logit of grass, up or down."""
 STEP = 0.05
+AS_DARING = (1.0, 0.7)
+"""Of the old network's wrong grass, and wrong sure grass, that the new one may have: on a lawn that was
+not known nothing was free; now it is, faults among it."""
+
+
+def set_temperature(path: Path, start: Path, held: Mapping[str, Sequence[Photo]]) -> float:
+    """Set the temperature of a network file: as fitted, but never below that of the start; returns it.
+
+    Args:
+        path: as `export_candidate` writes it.
+        start: the file that it began from.
+        held: photos that it did not learn from.
+    """
+    temperature = max(read_spec(start).temperature, fit_temperature(path, held))
+    with_spec(path, temperature=temperature)
+    return temperature
 
 
 def set_bias(path: Path, start: Path, held: Mapping[str, Sequence[Photo]]) -> float:
@@ -39,17 +55,22 @@ def set_bias(path: Path, start: Path, held: Mapping[str, Sequence[Photo]]) -> fl
 
 
 def bias_as_daring(
-    old: LabelledLogits, new: LabelledLogits, grass: int, temperatures: tuple[float, float]
+    old: LabelledLogits,
+    new: LabelledLogits,
+    grass: int,
+    temperatures: tuple[float, float],
+    shares: tuple[float, float] = AS_DARING,
 ) -> float:
-    """The largest bias of grass with which the new network is no more daring than the old one.
+    """The largest bias of grass with which the new network is no more daring than it may be.
 
     Args:
         old: logits of the old network.
         new: of the new one, of the same pixels.
         grass: its channel.
         temperatures: of both.
+        shares: of what the old one wrongly calls grass, and surely so, that the new one may.
     """
-    allowed = daring(old, grass, temperatures[0], 0.0)
+    allowed = np.array(shares) * daring(old, grass, temperatures[0], 0.0)
     biases = np.arange(MOST_BIAS, -MOST_BIAS - STEP / 2, -STEP)
     fits = (float(b) for b in biases if (daring(new, grass, temperatures[1], b) <= allowed).all())
     return round(next(fits, -MOST_BIAS), 2) + 0.0  # no minus zero

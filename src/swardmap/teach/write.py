@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,14 +17,14 @@ from swardmap.labels import GRASS, OTHER, PERSON, VOID_ID, MapClass
 from swardmap.mapping.work_area import WorkArea
 from swardmap.segmenter import Segmenter
 from swardmap.teach.doubt import Doubt, find_doubt
-from swardmap.teach.drive import Drive, driven_again
+from swardmap.teach.drive import Drive, driven_again, raised_cells
 from swardmap.teach.labels import DrivenGround, FrameLabels, label_frame
 from swardmap.teach.plan import TeachPlan
 from swardmap.teach.views import Bools, Heights
 from swardmap.types import Frame, Segmentation
 
-LEARN, HELD, SAID = "learn", "held", "said"
-"""Folders: to learn from, to measure on, and what the network said where the drive says nothing."""
+LEARN, HELD, SAID, OPEN = "learn", "held", "said", "open"
+"""Folders: to learn from, to measure on, what the network said where the drive says nothing, where it may."""
 MOST_EDGE = 640
 GAP_FRAMES = 2
 """Between what is learnt from and what is measured on."""
@@ -104,7 +104,7 @@ def ground_of(
     nothing |= silent
     driven = (drive.driven > 0) & ~nothing
     trust = doubt.grass_share is None or doubt.grass_share > 1 - MOST_WRONG_OTHER
-    return DrivenGround(drive.spec, driven, nothing, silent, trust)
+    return DrivenGround(drive.spec, driven, nothing, silent, raised_cells(drive), trust)
 
 
 def doubt_of(drive: Drive) -> Doubt:
@@ -192,7 +192,7 @@ def _without(labels: FrameLabels, learnt: Bools, spec: GridSpec, heights: Height
     known = heights.cells >= 0
     seen = known & local.ravel()[np.where(known, heights.cells, 0)]
     sure = np.where(seen & (labels.sure == GRASS.id), np.uint8(VOID_ID), labels.sure)
-    return FrameLabels(sure, labels.said)
+    return replace(labels, sure=sure)
 
 
 def evened(labels: FrameLabels, heights: Heights, cell_pixels: float, seed: int) -> FrameLabels:
@@ -211,7 +211,7 @@ def evened(labels: FrameLabels, heights: Heights, cell_pixels: float, seed: int)
     chance = cell_pixels / np.maximum(pixels[heights.cells[grass]], cell_pixels)
     sure = labels.sure.copy()
     sure[grass] = np.where(np.random.default_rng(seed).random(len(chance)) < chance, GRASS.id, VOID_ID)
-    return FrameLabels(sure, labels.said)
+    return replace(labels, sure=sure)
 
 
 def _count(written: Written, labels: FrameLabels, found: Segmentation) -> None:
@@ -233,19 +233,17 @@ def _write(out: Path, name: str, frame: Frame, labels: FrameLabels, held: bool) 
     height, width = labels.sure.shape
     factor = min(1.0, MOST_EDGE / max(height, width))
     size = (round(width * factor), round(height * factor))
-    rgb, sure, said = frame.rgb, labels.sure, labels.said
-    if factor < 1:
-        rgb = np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), np.uint8)
-        sure, said = (
-            np.asarray(cv2.resize(m, size, interpolation=cv2.INTER_NEAREST), np.uint8) for m in (sure, said)
-        )
     folder = out / (HELD if held else LEARN)
-    for part in (folder / "images", folder / "labels", out / SAID):
-        part.mkdir(parents=True, exist_ok=True)
-    write_bytes(folder / "images" / f"{name}.jpg", encode_jpeg(rgb), durable=False)
-    write_bytes(folder / "labels" / f"{name}.png", encode_png(sure), durable=False)
+    masks = {folder / "labels": labels.sure}
     if not held:
-        write_bytes(out / SAID / f"{name}.png", encode_png(said), durable=False)
+        masks |= {out / SAID: labels.said, out / OPEN: labels.open_ground}
+    for part in (folder / "images", *masks):
+        part.mkdir(parents=True, exist_ok=True)
+    rgb = np.asarray(cv2.resize(frame.rgb, size, interpolation=cv2.INTER_AREA), np.uint8)
+    write_bytes(folder / "images" / f"{name}.jpg", encode_jpeg(rgb), durable=False)
+    for part, mask in masks.items():
+        small = np.asarray(cv2.resize(mask, size, interpolation=cv2.INTER_NEAREST), np.uint8)
+        write_bytes(part / f"{name}.png", encode_png(small), durable=False)
 
 
 def write_facts(path: Path, facts: dict[str, Any]) -> None:

@@ -15,6 +15,9 @@ from swardmap.train.recipe import Recipe
 HEAD = ("segmentation_head.0.weight", "segmentation_head.0.bias")
 """The last layer, with one row for each output."""
 
+BIASES = {Role.FREE: "grass_bias", Role.PERSON: "person_bias"}
+"""Whose logits `swardmap export` may move, and under which name a file's `training` tells by how much."""
+
 LITE_NORMALISATION = ((0.498, 0.498, 0.498), (0.502, 0.502, 0.502))
 RESNET_NORMALISATION = ((0.485, 0.456, 0.406), (0.229, 0.224, 0.225))
 
@@ -72,16 +75,17 @@ def fitted_head(
 
 
 @torch.no_grad()
-def add_grass_bias(network: DeepLabV3Plus, spec: NetworkSpec, bias: float) -> None:
-    """Add to the logits of the classes that may be driven on."""
-    network.segmentation_head[0].bias += grass_shift(spec, bias)
+def add_biases(network: DeepLabV3Plus, spec: NetworkSpec, biases: Mapping[Role, float]) -> None:
+    """Add to the logits of the classes of each role."""
+    for role, bias in biases.items():
+        network.segmentation_head[0].bias += role_shift(spec, role, bias)
 
 
-def grass_shift(spec: NetworkSpec, bias: float) -> Tensor:
-    """(channels,) float32: the bias for each output of a class that may be driven on, 0 for the others."""
+def role_shift(spec: NetworkSpec, role: Role, bias: float) -> Tensor:
+    """(channels,) float32: the bias for each output of a class of this role, 0 for the others."""
     roles = {c.id: c.role for c in spec.label_set.classes}
-    free = [roles[i] is Role.FREE for i in spec.channel_ids][-spec.channels :]
-    return bias * torch.tensor(free, dtype=torch.float32)
+    meant = [roles[i] is role for i in spec.channel_ids][-spec.channels :]
+    return bias * torch.tensor(meant, dtype=torch.float32)
 
 
 def export_shift(spec: NetworkSpec) -> Tensor:
@@ -93,5 +97,7 @@ def export_shift(spec: NetworkSpec) -> Tensor:
     biases = spec.training.get("class_biases", [0.0] * spec.channels)
     if not isinstance(biases, list) or len(biases) < spec.channels:
         raise ModelError(f"expected {spec.channels} class_biases in the file, got {biases!r}"[:200])
-    shift = grass_shift(spec, float(spec.training.get("grass_bias", 0.0)))
-    return shift + torch.tensor(biases[-spec.channels :], dtype=torch.float32)
+    shift = torch.tensor(biases[-spec.channels :], dtype=torch.float32)
+    for role, key in BIASES.items():
+        shift += role_shift(spec, role, float(spec.training.get(key, 0.0)))
+    return shift

@@ -12,6 +12,7 @@ from swardmap.errors import ConfigError, InputError, ModelError, OutputError, on
 from swardmap.io.door import reading
 from swardmap.io.files import atomic_write
 from swardmap.train.build import build_network, fitted_head, network_spec
+from swardmap.train.kept_views import KeptViews
 from swardmap.train.networks import DeepLabV3Plus
 from swardmap.train.recipe import Recipe, recipe_from_dict, recipe_to_dict
 
@@ -31,6 +32,7 @@ class Run:
     optimizer: torch.optim.Optimizer
     step: int = 0
     best: float = -1.0
+    kept: KeptViews | None = None
     history: list[dict[str, Any]] = field(default_factory=list)
 
 

@@ -19,6 +19,7 @@ from swardmap.train.photos import (
     OBSTACLE_CODE,
     PARTIAL_CODE,
     PSEUDO_CODE,
+    SMALL_CODE,
     Photo,
     read_photos,
     role_code,
@@ -60,7 +61,7 @@ def make_codes(recipe: Recipe) -> Codes:
     """The code table of a recipe.
 
     Class index, 50 + data set (drivable with a weight of the set's own), 100 + class index (teacher),
-    150 + data set (obstacle with a weight of its own), 200 + data set (known in part).
+    150 + data set (obstacle with a weight of its own), 200 + data set (known in part), 250 (small obstacle).
     """
     ids, names = recipe.network.trained_ids, recipe.network.label_set
     sets = np.ones((256, len(ids)), np.bool_)
@@ -72,6 +73,9 @@ def make_codes(recipe: Recipe) -> Codes:
         for code, factor in ((index, 1.0), (PSEUDO_CODE + index, schedule.pseudo_weight)):
             sets[code] = np.arange(len(ids)) == index
             weights[code] = weight * factor
+    obstacle = role_code(recipe.network, Role.OBSTACLE)
+    if obstacle is not None:
+        sets[SMALL_CODE], weights[SMALL_CODE] = sets[obstacle], schedule.small_weight
     for number, config in enumerate(recipe.data):
         own = (
             (config.obstacle_weight, Role.OBSTACLE, OBSTACLE_CODE),

@@ -22,6 +22,7 @@ from swardmap.models.onnx import decide, preprocess
 from swardmap.train.build import build_network, network_spec
 from swardmap.train.checkpoint import Run, begin_from, make_folder, restore, save_progress, save_start
 from swardmap.train.data import Codes, PhotoSet, draw_batch, load_photos, make_codes
+from swardmap.train.kept_views import Encoded, KeptViews, check_encoder
 from swardmap.train.loss import set_loss
 from swardmap.train.networks import DeepLabV3Plus
 from swardmap.train.onnx_weights import load_onnx_weights
@@ -126,19 +127,18 @@ def train_step(run: Run, sets: Sequence[PhotoSet], codes: Codes, rank: int = 0, 
     """One step, of which this process takes every `world`-th view; returns the loss."""
     schedule = run.recipe.schedule
     torch.manual_seed(schedule.seed * 1_000_003 + run.step)  # dropout
-    views = draw_batch(sets, run.recipe, range(rank, schedule.batch, world), run.step)
     for group in run.optimizer.param_groups:
         group["lr"] = group["peak"] * _warmup_cosine(run.step, schedule.warmup, schedule.steps)
     run.network.train()
     if schedule.frozen_norms:
         freeze_norms(run.network)
-    image, view_codes, fine = _tensors(views, run)
     half = torch.autocast(run.device.type, torch.bfloat16, enabled=schedule.precision == "bf16")
     with half:
-        features = run.network.features(image)
+        low, high, view_codes, fine = _encoded(run, sets, range(rank, schedule.batch, world))
+        features = run.network.decoder(low, high)
         logits = run.network.segmentation_head(features)
         finer = run.auxiliary(features)
-    logits = F.interpolate(logits.float(), size=image.shape[-2:], mode="bilinear", align_corners=False)
+    logits = F.interpolate(logits.float(), size=view_codes.shape[-2:], mode="bilinear", align_corners=False)
     loss = set_loss(logits, view_codes, codes)
     if run.recipe.network.auxiliary_classes:
         small = fine[:, 2::4, 2::4].long()
@@ -152,6 +152,22 @@ def train_step(run: Run, sets: Sequence[PhotoSet], codes: Codes, rank: int = 0, 
     run.step += 1
     _update_average(run)
     return float(loss.detach())
+
+
+def _encoded(run: Run, sets: Sequence[PhotoSet], indices: range) -> Encoded:
+    """Features and codes of the views of this step."""
+
+    def made(number: int) -> Encoded:
+        image, codes, fine = _tensors(draw_batch(sets, run.recipe, indices, number), run)
+        return *run.network.encoder(image), codes, fine
+
+    batches = run.recipe.schedule.kept_batches
+    if not batches:
+        return made(run.step)
+    if run.kept is None:
+        check_encoder(run.recipe, run.network.encoder)
+        run.kept = KeptViews(batches, len(indices), run.recipe.schedule.seed)
+    return run.kept.at(run.step, made)
 
 
 def freeze_norms(network: nn.Module) -> None:

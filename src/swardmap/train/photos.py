@@ -20,6 +20,9 @@ FREE_CODE = 50
 PSEUDO_CODE = 100
 OBSTACLE_CODE = 150
 PARTIAL_CODE = 200
+SMALL_CODE = 250
+SMALL_SHARE = 0.01
+"""Of the image: an obstacle that covers less is small, such as a tool on the lawn."""
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png")
 LARGEST_EDGE = 640  # of images kept in memory
 
@@ -158,8 +161,19 @@ def _of_frame(frame: Frame, config: DataConfig, number: int, network: NetworkCon
     codes = _index_table(frame.label_set, network)[frame.labels]
     fine = np.full(codes.shape, VOID_ID, np.uint8)
     light = frame.tags.get("illumination", "")
+    if config.small_things and not config.validation:
+        codes = np.where(small_obstacles(codes, network), np.uint8(SMALL_CODE), codes)
     photo = Photo(frame.rgb, _of_set(codes, config, number, network), fine, frame.name, light)
     return _shrunk(photo, config.validation)
+
+
+def small_obstacles(codes: Image, network: NetworkConfig) -> NDArray[np.bool_]:
+    """(H, W): obstacles that touch no other one and cover less than `SMALL_SHARE` of the image."""
+    obstacle = np.asarray(codes == role_code(network, Role.OBSTACLE), np.uint8)
+    _, piece, stats, _ = cv2.connectedComponentsWithStats(obstacle, connectivity=8)
+    small = stats[:, cv2.CC_STAT_AREA] < SMALL_SHARE * codes.size
+    small[0] = False  # what is no obstacle
+    return np.asarray(small[piece], np.bool_)
 
 
 def _of_set(codes: Image, config: DataConfig, number: int, network: NetworkConfig) -> Image:

@@ -79,6 +79,7 @@ class ScheduleConfig(Checked):
         0.995, "decay of the running mean of the weights that is kept", minimum=0, maximum=1
     )
     person_weight: float = setting(2.0, "of a person pixel in the loss", minimum=0)
+    small_weight: float = setting(1.0, "of a pixel of small things in the loss, where asked for", minimum=0)
     pseudo_weight: float = setting(0.5, "of a teacher's pixel in the loss", minimum=0)
     partial_weight: float = setting(0.5, "of a pixel known only to be one of several classes", minimum=0)
     auxiliary_weight: float = setting(0.4, "of the finer labels in the loss", minimum=0)
@@ -88,6 +89,12 @@ class ScheduleConfig(Checked):
     )
     frozen_norms: bool = setting(
         False, "batch norms keep the statistics they begin with: for a short run from a network's file"
+    )
+    kept_batches: int = setting(
+        0,
+        "draw only so many batches and learn from their views again and again; for an encoder that does not "
+        "learn: it looks at each view once; 0 = new views each step",
+        minimum=0,
     )
     check_every: int = setting(100, "steps from one checkpoint and validation to the next", minimum=1)
     seed: int = setting(0, "")
@@ -154,6 +161,9 @@ class DataConfig(Checked):
     )
     free_weight: float = setting(
         1.0, "of a pixel that may be driven on in the loss: over 1 where few of them are labelled", minimum=0
+    )
+    small_things: bool = setting(
+        False, "a recording's obstacles that cover less than 1 % of the image weigh `small_weight`"
     )
     validation: bool = setting(False, "measured on, not learnt from")
     every: int = setting(1, "use every n-th image", minimum=1)

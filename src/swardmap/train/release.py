@@ -8,8 +8,9 @@ from typing import Any
 
 import torch
 
+from swardmap.labels import Role
 from swardmap.models.spec import NetworkSpec
-from swardmap.train.build import HEAD, add_grass_bias, export_shift, network_spec
+from swardmap.train.build import BIASES, HEAD, add_biases, export_shift, network_spec
 from swardmap.train.calibrate import fit_class_biases, fit_temperature, labelled_logits
 from swardmap.train.checkpoint import blended, load_network
 from swardmap.train.data import load_photos
@@ -34,6 +35,7 @@ def release(
     familiar: bool = True,
     biases_of: Path | None = None,
     figures: bool = True,
+    person_bias: float = 0.0,
 ) -> dict[str, Any]:
     """Write `out`, and say what it costs and how good it is on the recipe's validation data.
 
@@ -47,11 +49,14 @@ def release(
         grass_bias: added to the logit of classes that may be driven on, to trade grass missed for
             obstacles called grass; choose it on validation data.
         blend: other checkpoints and their shares of the weights, mixed in one after another; see `blended`.
-        calibrate_classes: fit a bias for each class on the validation data, before `grass_bias` is added.
+        calibrate_classes: fit a bias for each class on the validation data, before `grass_bias` and
+            `person_bias` are added.
         familiar: teach the file which images it knows; see `make_familiar`.
         biases_of: a network file whose class biases are added as they are: the one that the training began
             from, which took them away.
         figures: measure both precisions; False where somebody else does.
+        person_bias: added to the logit of persons, to trade persons called other for other things called
+            persons; both are obstacles.
 
     Returns:
         Figures of both precisions, the INT8 loss in points of grass IoU, temperature, size, and what
@@ -63,15 +68,8 @@ def release(
     spec = network_spec(recipe)
     if size is not None:
         spec = replace(spec, width=size[0], height=size[1])
-    sets = [{"name": d.name, "folder": d.folder, "weight": d.weight} for d in recipe.data if not d.validation]
-    training: dict[str, Any] = {
-        "recipe": recipe.name,
-        "steps": state["step"],
-        "data": sets,
-        "grass_bias": grass_bias,
-    }
-    if blend:
-        training["blend_shares"] = [share for _, share in blend]
+    shifts = {Role.FREE: grass_bias, Role.PERSON: person_bias}
+    training = _told(recipe, state["step"], shifts, [share for _, share in blend])
     plain = out.with_suffix(".float32.onnx") if int8 else out
     held = {s.config.name: s.photos for s in load_photos(recipe, root, validation=True)}
     if calibrate_classes and held:
@@ -79,7 +77,7 @@ def release(
     if biases_of is not None:
         training |= _add_biases_of(network, biases_of)
     spec = replace(spec, training=training)
-    add_grass_bias(network, spec, grass_bias)
+    add_biases(network, spec, shifts)
     difference = export_onnx(network, spec, plain)
     result: dict[str, Any] = {"file": str(out), "difference": difference}
     try:
@@ -99,6 +97,16 @@ def release(
         result["unfamiliar"] = make_familiar(out, recipe, root)
     result.update(temperature=temperature, bytes=out.stat().st_size, int8_loss_points=_loss(result))
     return result
+
+
+def _told(
+    recipe: Recipe, steps: int, shifts: Mapping[Role, float], shares: Sequence[float]
+) -> dict[str, Any]:
+    """What a file says of its training: recipe, data, biases, and what it is a mean of."""
+    sets = [{"name": d.name, "folder": d.folder, "weight": d.weight} for d in recipe.data if not d.validation]
+    biases = {BIASES[role]: bias for role, bias in shifts.items()}
+    told: dict[str, Any] = {"recipe": recipe.name, "steps": steps, "data": sets, **biases}
+    return told | ({"blend_shares": list(shares)} if shares else {})
 
 
 def make_familiar(path: Path, recipe: Recipe, root: Path) -> dict[str, Any]:
