@@ -1,6 +1,7 @@
 """Processor time of a frame in the node, without DDS: what can be compared on a busy machine, too.
 
     python benchmarks/bench_frame.py               # one and two threads of the network, each twice
+    python benchmarks/bench_frame.py --kept        # all but the network: masks are kept from a first drive
 
 A rig of two cameras (640 x 480, colour raw, depth 16UC1 aligned) and an odometry, as in `bench_robot.py`, are
 handed to the node's pipeline as messages; after each pair a map of 40 x 40 m and its costmap are made.
@@ -8,6 +9,7 @@ handed to the node's pipeline as messages; after each pair a map of 40 x 40 m an
 
 import argparse
 import time
+import zlib
 from typing import Any
 
 import numpy as np
@@ -22,6 +24,8 @@ from swardmap.rig.rig import rig_from_dict
 from swardmap.ros.live_pipeline import LivePipeline
 from swardmap.ros.parameters import Parameters, parameters_from
 from swardmap.ros.warm_up import warm_up
+from swardmap.segmenter import Segmenter
+from swardmap.types import Frame, Segmentation
 from tests.ros.drive import base_at
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -36,16 +40,40 @@ def message(topic: str, fields: dict[str, Any], stamp_ns: int) -> Any:
     return rosbags_message(STORE, f"sensor_msgs/msg/{kind}", {**fields, "header": header})
 
 
-def measure(threads: int) -> str:
+class Kept:
+    """Segments each image once; after that its mask costs next to nothing."""
+
+    def __init__(self, segmenter: Segmenter) -> None:
+        self._segmenter, self.name, self.label_set = segmenter, segmenter.name, segmenter.label_set
+        self._kept: dict[int, Segmentation] = {}
+
+    def __call__(self, frame: Frame) -> Segmentation:
+        key = zlib.crc32(frame.rgb[::16].tobytes())
+        if key not in self._kept:
+            self._kept[key] = self._segmenter(frame)
+        return self._kept[key]
+
+
+def measure(threads: int, kept: bool) -> str:
     """One line: milliseconds of a core for a frame, and for a map with its costmap."""
     settings = {
         "segmenter": {"name": "auto", "threads": threads}, "source": {"odometry_topic": "odom"},
         "grid": {"origin_m": [-20.0, -20.0], "size_m": [40.0, 40.0]},
     }  # fmt: skip
     parameters = parameters_from({}, Parameters(config=config_from_dict(settings)))
-    rig, segmenter = rig_from_dict(RIG), build_segmenter(parameters.config.segmenter)
-    pipeline = LivePipeline(parameters, segmenter, rig)
-    warm_up(parameters.config, segmenter)
+    network = build_segmenter(parameters.config.segmenter)
+    warm_up(parameters.config, network)
+    if not kept:
+        return drive(parameters, network)
+    segmenter = Kept(network)
+    drive(parameters, segmenter)
+    return drive(parameters, segmenter)
+
+
+def drive(parameters: Parameters, segmenter: Segmenter) -> str:
+    """The line of one drive."""
+    rig = rig_from_dict(RIG)
+    pipeline, threads = LivePipeline(parameters, segmenter, rig), parameters.config.segmenter.threads
     frames_ms, maps_ms = list[float](), list[float]()
     for i in range(FRAMES):
         now_ns, T_map_base = START_NS + i * PERIOD_NS, base_at(STEP_M * i)
@@ -79,10 +107,12 @@ def measure(threads: int) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("threads", type=int, nargs="*", default=[1, 2, 1, 2])
+    parser.add_argument("--kept", action="store_true", help="leave the network out")
+    args = parser.parse_args()
     print("| threads | ms of a core a frame | a map and its costmap | of which (calling thread) |")
     print("|---:|---:|---:|---|")
-    for threads in parser.parse_args().threads:
-        print(measure(threads), flush=True)
+    for threads in args.threads:
+        print(measure(threads, args.kept), flush=True)
 
 
 if __name__ == "__main__":

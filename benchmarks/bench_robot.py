@@ -42,15 +42,20 @@ class Case:
     rate_hz: float
     threads: int = 0
     queue_frames: int = 2
+    network: str = "auto"
 
     @property
     def name(self) -> str:
         threads = "" if self.threads == 0 else f", threads: {self.threads}"
         queue = "" if self.queue_frames == 2 else f", queue {self.queue_frames}"
-        return f"2 x {self.rate_hz:g} /s{threads}{queue}"
+        network = "" if self.network == "auto" else f", {self.network}"
+        return f"2 x {self.rate_hz:g} /s{threads}{queue}{network}"
 
 
-CASES = (Case(5), Case(7.5), Case(10), Case(15), Case(15, threads=1), Case(15, threads=1, queue_frames=1))
+CASES = (
+    Case(5), Case(7.5), Case(10), Case(15), Case(10, network="small"), Case(15, network="small"),
+    Case(15, threads=1), Case(15, threads=1, queue_frames=1),
+)  # fmt: skip
 
 
 def environment() -> dict[str, str]:
@@ -68,7 +73,7 @@ def run(case: Case, folder: Path) -> dict[str, Any]:
     rig.write_text(json.dumps(RIG))
     settings = {
         "rig_file": str(rig), "queue_frames": case.queue_frames, "source": {"odometry_topic": "odom"},
-        "segmenter": {"name": "auto", "threads": case.threads},
+        "segmenter": {"name": case.network, "threads": case.threads},
         "watchdog": {"latency_window_s": SECONDS},
         # a lawn of 40 m, as a robot in use would have it
         "grid": {"origin_m": [-20.0, -20.0], "size_m": [40.0, 40.0]},
@@ -226,6 +231,7 @@ def main() -> None:
         "--play", nargs=4, metavar=("RATE", "NAMESPACE", "OUT", "PID"), help=argparse.SUPPRESS
     )
     parser.add_argument("--rates", type=float, nargs="*", help="frames a second of each camera")
+    parser.add_argument("--network", default="auto", help="segmenter.name, with --rates")
     args = parser.parse_args()
     if args.play:
         rate, namespace, out, pid = args.play
@@ -238,7 +244,7 @@ def main() -> None:
     print(f"| {' | '.join(heads)} |\n|---|{'---:|' * (len(heads) - 1)}")
     results = []
     with tempfile.TemporaryDirectory() as folder:
-        for case in [Case(rate) for rate in args.rates] if args.rates else CASES:
+        for case in [Case(rate, network=args.network) for rate in args.rates] if args.rates else CASES:
             results.append((case, run(case, Path(folder))))
             report(*results[-1])
     print()

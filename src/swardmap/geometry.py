@@ -12,8 +12,7 @@ from swardmap.errors import FrameMismatchError, InvalidValueError
 Float64Array = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
 
-IDENTITY: Float64Array = np.eye(3)
-ROTATION_TOLERANCE: Float64Array = 1e-4 + 1e-5 * IDENTITY
+LENGTH_TOLERANCE, ANGLE_TOLERANCE = 1.1e-4, 1e-4
 """How far a rotation times its transpose may be off the identity: poses from text files pass."""
 
 R_BODY_OPTICAL: Float64Array = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
@@ -39,18 +38,23 @@ class Pose:
         name = f"pose {self.parent} <- {self.child}"
         if matrix.shape != (4, 4):
             raise InvalidValueError(f"{name}: expected a 4x4 matrix, got shape {matrix.shape}")
-        if not np.isfinite(matrix).all():
+        rows = matrix.tolist()  # sixteen numbers: plain Python is faster than arrays
+        if not all(map(math.isfinite, matrix.ravel().tolist())):
             raise InvalidValueError(f"{name}: expected finite numbers, got NaN or infinity")
-        rotation = matrix[:3, :3]
-        off = np.abs(rotation @ rotation.T - IDENTITY)
-        (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
+        (a, b, c, _), (d, e, f, _), (g, h, i, _), last = rows
+        lengths = a * a + b * b + c * c, d * d + e * e + f * f, g * g + h * h + i * i
+        angles = a * d + b * e + c * f, a * g + b * h + c * i, d * g + e * h + f * i
         determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
-        if (off > ROTATION_TOLERANCE).any() or determinant < 0:
+        if (
+            any(abs(length - 1) > LENGTH_TOLERANCE for length in lengths)
+            or any(abs(angle) > ANGLE_TOLERANCE for angle in angles)
+            or determinant < 0
+        ):
             raise InvalidValueError(
                 f"{name}: expected a rotation in the upper left 3x3 (orthonormal, determinant +1), "
-                f"got\n{rotation}"
+                f"got\n{matrix[:3, :3]}"
             )
-        if matrix[3].tolist() != [0, 0, 0, 1]:
+        if last != [0, 0, 0, 1]:
             raise InvalidValueError(f"{name}: expected the last row 0 0 0 1, got {matrix[3]}")
         matrix.flags.writeable = False
 

@@ -3,6 +3,7 @@
 Row-major [iy, ix]; the origin is the outer corner of cell (0, 0); the centre of a cell is at +0.5.
 """
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -40,7 +41,7 @@ class GridSpec:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "origin_m", (float(self.origin_m[0]), float(self.origin_m[1])))
-        if not (np.isfinite(self.resolution_m) and self.resolution_m > 0):
+        if not (math.isfinite(self.resolution_m) and self.resolution_m > 0):
             raise InvalidValueError(
                 f"grid: expected a positive resolution in metres, got {self.resolution_m}"
             )
@@ -49,7 +50,7 @@ class GridSpec:
                 f"grid: expected between 1 and {MAX_CELLS} cells, got {self.width} x {self.height}; "
                 "check the resolution, and the poses for a jump or a wrong unit"
             )
-        if not np.isfinite(self.origin_m).all():
+        if not all(map(math.isfinite, self.origin_m)):
             raise InvalidValueError(f"grid: expected a finite origin, got {self.origin_m}")
 
     @classmethod
@@ -62,13 +63,13 @@ class GridSpec:
     ) -> "GridSpec":
         """Smallest grid on the lattice of whole cells from (0, 0) that covers a rectangle."""
         r = resolution_m
-        if not (np.isfinite(r) and r > 0 and np.isfinite([*lower_m, *upper_m]).all()):
+        if not (r > 0 and all(map(math.isfinite, (r, *lower_m, *upper_m)))):
             raise InvalidValueError(
                 f"grid: expected a positive resolution and finite corners, got {r}, {lower_m}, {upper_m}"
             )
-        ix, iy = (int(np.floor(low / r)) for low in lower_m)
-        nx = max(1, int(np.ceil(upper_m[0] / r)) - ix)
-        ny = max(1, int(np.ceil(upper_m[1] / r)) - iy)
+        ix, iy = (math.floor(low / r) for low in lower_m)
+        nx = max(1, math.ceil(upper_m[0] / r) - ix)
+        ny = max(1, math.ceil(upper_m[1] / r) - iy)
         corner = round(ix * r, 9), round(iy * r, 9)  # -11.7, not -11.700000000000001
         return cls(r, nx, ny, corner, frame_id)
 
@@ -143,13 +144,16 @@ class GridSpec:
                 f"grids do not fit: {self.resolution_m} m in '{self.frame_id}' and "
                 f"{outer.resolution_m} m in '{outer.frame_id}'"
             )
-        steps = (np.asarray(self.origin_m) - np.asarray(outer.origin_m)) / self.resolution_m
-        cells = np.round(steps)
-        if not np.allclose(steps, cells, atol=1e-3):
+        (x, y), (x0, y0) = self.origin_m, outer.origin_m
+        steps = (x - x0) / self.resolution_m, (y - y0) / self.resolution_m
+        ix, iy = map(round, steps)
+        if any(
+            abs(step - cell) > 1e-3 + 1e-5 * abs(cell) for step, cell in zip(steps, (ix, iy), strict=True)
+        ):
             raise InvalidValueError(
                 f"grids do not fit: origins {self.origin_m} and {outer.origin_m} are not whole cells apart"
             )
-        return int(cells[0]), int(cells[1])
+        return ix, iy
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -181,7 +185,7 @@ class OccupancyGrid:
     @property
     def nav_values(self) -> NDArray[np.int8]:
         """(height, width) int8 as in nav_msgs/OccupancyGrid: -1 unknown, 0 free, 100 occupied."""
-        return NAV_VALUE_OF_CLASS[self.classes]
+        return NAV_VALUE_OF_CLASS.take(self.classes)
 
     @property
     def is_obstacle(self) -> NDArray[np.bool_]:
@@ -274,11 +278,20 @@ def update_grid(grid: OccupancyGrid, seen: OccupancyGrid) -> OccupancyGrid:
 
 def overlap(inner: GridSpec, outer: GridSpec) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
     """Slices of the cells two grids share: into `inner`'s arrays, and into `outer`'s."""
-    ix, iy = inner.offset_in(outer)
-    pairs = []
-    for offset, n_inner, n_outer in ((iy, inner.height, outer.height), (ix, inner.width, outer.width)):
-        start, stop = max(0, offset), max(0, min(n_outer, offset + n_inner))
-        stop = max(start, stop)
-        pairs.append((slice(start - offset, stop - offset), slice(start, stop)))
-    (inner_y, outer_y), (inner_x, outer_x) = pairs
+    return shared_cells(inner.offset_in(outer), inner.shape, outer.shape)
+
+
+def shared_cells(
+    offset: tuple[int, int], inner: tuple[int, int], outer: tuple[int, int]
+) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
+    """The same of arrays (height, width) whose cell (0, 0) is cell (ix, iy) of the other."""
+    (inner_x, outer_x), (inner_y, outer_y) = (
+        _shared(*axis) for axis in zip(offset, inner[::-1], outer[::-1], strict=True)
+    )
     return (inner_y, inner_x), (outer_y, outer_x)
+
+
+def _shared(offset: int, n_inner: int, n_outer: int) -> tuple[slice, slice]:
+    start = max(0, offset)
+    stop = max(start, min(n_outer, offset + n_inner))
+    return slice(start - offset, stop - offset), slice(start, stop)

@@ -15,10 +15,10 @@ from swardmap.mapping.last_seen_map import LastSeenMap, fixed_spec
 from swardmap.mapping.log_odds_map import LogOddsMap
 from swardmap.perception import compiled, plain
 from swardmap.perception.backend import Backend
-from swardmap.perception.cloud import filtered_cloud, within_height
+from swardmap.perception.cloud import filtered_cloud, limits_in_view, within_height
 from swardmap.perception.ground_surface import Ground, GroundPlane, find_ground
 from swardmap.perception.observation import Observation, PixelCounts, pixel_counts
-from swardmap.perception.passes import Placed, height_row
+from swardmap.perception.passes import Placed
 from swardmap.segmenter import Segmenter
 from swardmap.types import Frame, LabeledCloud, Segmentation
 
@@ -90,7 +90,7 @@ def observe(
     cells = passes.judge(counted, ground, config)
     return Observation(
         spec, cells.classes, cells.points, viewpoint_m, frame.stamp_ns, pixel_counts(placed, counted),
-        cells.semantic, ground, cells.geometry, height_row(T_grid_camera, ground),
+        cells.semantic, ground, cells.geometry, counted.height_row,
     )  # fmt: skip
 
 
@@ -137,7 +137,8 @@ class StepResult:
         """The cloud the map was made of: filtered, labelled, in the map frame; for pictures and files."""
         cloud = filtered_cloud(self.frame, self.segmentation, config.cloud)
         T_map_camera = self.T_map_camera.of_child(cloud.frame_id)
-        return within_height(cloud, T_map_camera, config.cloud, self.observation.height_row)
+        limits = limits_in_view(config.cloud, self.observation.ground is not None)
+        return within_height(cloud, T_map_camera, limits, self.observation.height_row)
 
 
 class ObstacleMapper:

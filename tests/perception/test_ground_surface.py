@@ -102,6 +102,25 @@ def test_where_no_ground_is_known_nothing_is_free_and_obstacles_are_marked() -> 
     assert (other.classes == MapClass.OBSTACLE).any()
 
 
+@pytest.mark.parametrize("backend", ["compiled", "plain"])
+@pytest.mark.parametrize("datum_m", [-130.0, -3.0, 3.0, 130.0])
+def test_where_no_ground_is_known_the_maps_zero_takes_no_mark_away(datum_m: float, backend: str) -> None:
+    config = Config(backend=backend)
+    (pose,) = lane_poses(1, pitch_deg=-20.0)
+    seen = []
+    for lift_m in (0.0, datum_m):
+        there = Pose("map", "camera", tilted(0.0, lift_m) @ pose.matrix)
+        frame, spec = wall_ahead(there), view_spec(SMALL, there, 8.0, 0.05)
+        assert frame.labels is not None
+        seen.append(
+            observe(frame, Segmentation(0 * frame.labels, GRASS_OBSTACLE_PERSON), there, spec, config)
+        )
+    level, lifted = seen
+    assert level.ground is lifted.ground is None
+    assert lifted.counts.out_of_height == 0
+    np.testing.assert_array_equal(lifted.classes, level.classes)
+
+
 def test_the_ground_of_an_earlier_view_serves_one_that_shows_none() -> None:
     mapper = ObstacleMapper(Truth())
     first = mapper.step(frame_after(Scene(), 0.0, 8.0, 2.0))

@@ -243,6 +243,8 @@ def test_only_lawn_near_the_ground_clears() -> None:
     assert len(heights) > 500
     assert heights.max() <= CLEARS_BELOW_M + 1e-5
     assert heights.min() >= config.cloud.min_height_m - 1e-5
+    _, none, _ = read(ground_fields(*seen_in(step, config), AT, grounded=False))
+    assert len(none) == 0  # where no ground is known nothing is near it
 
 
 def test_obstacle_cells_lie_at_the_height_of_the_robot() -> None:

@@ -10,10 +10,10 @@ CHUNK = 32
 
 @compiled()
 def by_block(block, n, starts, order):  # type: ignore[no-untyped-def]
-    """Indices of the cells block by block, in each in their order; starts[b] is the first of a block."""
-    starts[:] = 0
-    for i in range(n):
-        starts[block[i] + 1] += 1
+    """Indices of the cells block by block, in each in their order.
+
+    starts: (blocks + 1,) cells of each block behind a zero; then the first of each.
+    """
     for b in range(starts.shape[0] - 1):
         starts[b + 1] += starts[b]
     at = starts[:-1].copy()
@@ -27,16 +27,23 @@ def _up_to(levels, chunks, level):  # type: ignore[no-untyped-def]
     """How many levels of so many whole chunks are no higher."""
     n = np.int32(0)
     for i in range(chunks * CHUNK):
-        n += np.int32(levels[i] <= level)
+        n = np.int32(n + (levels[i] <= level))
     return n
 
 
+@compiled(inline="never")
+def _levels_of(height, level_of):  # type: ignore[no-untyped-def]
+    """Heights as levels of 0.1 mm."""
+    for i in range(level_of.shape[0]):
+        level_of[i] = np.int32(min(max((height[i] + 1000.0) * 10000.0, 0.0), 2147483647.0))
+
+
 @compiled()
-def _take_levels(height, order, start, stop, levels):  # type: ignore[no-untyped-def]
-    """Heights of one block as levels of 0.1 mm, filled up to whole chunks; lowest, highest."""
+def _take_levels(level_of, order, start, stop, levels):  # type: ignore[no-untyped-def]
+    """Levels of one block, filled up to whole chunks; lowest, highest."""
     low, high = np.int32(2**31 - 1), np.int32(0)
     for k in range(start, stop):
-        level = np.int32(min(max((height[order[k]] + 1000.0) * 10000.0, 0.0), 2147483647.0))
+        level = level_of[order[k]]
         levels[k - start] = level
         low, high = min(low, level), max(high, level)
     for k in range(stop - start, (stop - start + CHUNK - 1) // CHUNK * CHUNK):
@@ -45,15 +52,16 @@ def _take_levels(height, order, start, stop, levels):  # type: ignore[no-untyped
 
 
 @compiled()
-def low_of_each(height, starts, order, levels, chosen):  # type: ignore[no-untyped-def]
+def low_of_each(height, starts, order, level_of, levels, chosen):  # type: ignore[no-untyped-def]
     """chosen[b] = cell at the low quantile of a block's heights, the first among equals; -1 = none seen."""
+    _levels_of(height, level_of)
     for b in range(chosen.shape[0]):
         start, stop = starts[b], starts[b + 1]
         chosen[b] = -1
         if start == stop:
             continue
         rank, chunks = np.int64(LOW_SHARE * (stop - start - 1)), (stop - start + CHUNK - 1) // CHUNK
-        lowest, highest = _take_levels(height, order, start, stop, levels)
+        lowest, highest = _take_levels(level_of, order, start, stop, levels)
         low, high = np.int64(lowest), np.int64(highest)
         while low < high:
             middle = (low + high) // 2

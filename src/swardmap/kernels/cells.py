@@ -36,9 +36,10 @@ def classify(points, clear, min_points, min_grass_points, classes):  # type: ign
     """grid.classify_cells on flat counters; writes (cells,) uint8 MapClass."""
     for i in range(classes.shape[0]):
         grass, obstacle, person = points[4 * i + 1], points[4 * i + 2], points[4 * i + 3]
+        marked = np.uint32(obstacle + person) >= min_points  # not widened to 64 bits, as sums of Numba's are
         c = GRASS if clear[i] & (grass >= min_grass_points) else np.uint8(0)
         hazard = PERSON if (person >= min_points) | (person >= obstacle) else OBSTACLE
-        classes[i] = hazard if obstacle + person >= min_points else c
+        classes[i] = hazard if marked else c
 
 
 @compiled(inline="never")
@@ -94,7 +95,12 @@ def _marked_row(classes, marked, wide):  # type: ignore[no-untyped-def]
 
 @compiled(inline="never")
 def _few_row(classes, points, sums, doubts, marks, enough, cleared):  # type: ignore[no-untyped-def]
-    """Which cells of a row are cleared by the three rows of grass and doubt, the seven of marks about it."""
+    """Which cells of a row are cleared by the three rows of grass and doubt, the seven of marks about it.
+
+    Returns:
+        How many.
+    """
+    n = np.int32(0)
     for x in range(cleared.shape[0]):
         own, together = points[x, 1], np.uint32(sums[0, x] + sums[1, x] + sums[2, x])
         against = doubts[0, x] | doubts[1, x] | doubts[2, x] | classes[x]
@@ -102,6 +108,8 @@ def _few_row(classes, points, sums, doubts, marks, enough, cleared):  # type: ig
         against |= marks[4, x] | marks[5, x] | marks[6, x]
         few = (own > np.uint32(0)) & (own < enough)
         cleared[x] = few & (together >= enough) & (np.uint8(against) == np.uint8(0))
+        n = np.int32(n + cleared[x])
+    return n
 
 
 @compiled(inline="never")
@@ -127,8 +135,9 @@ def clear_together(classes, semantic, points, enough):  # type: ignore[no-untype
         _along(grass, doubted, sums[y + 1], doubts[y + 1])
         _marked_row(classes[y], marked, marks[y + 3])
     for y in range(height):
-        _few_row(classes[y], points[y], sums[y : y + 3], doubts[y : y + 3], marks[y : y + 7], enough, cleared)
-        _clear_row(cleared, enough, classes[y], semantic[y], points[y])
+        rows = sums[y : y + 3], doubts[y : y + 3], marks[y : y + 7]
+        if _few_row(classes[y], points[y], *rows, enough, cleared) != 0:
+            _clear_row(cleared, enough, classes[y], semantic[y], points[y])
 
 
 @compiled(inline="never")

@@ -54,7 +54,7 @@ def collect_points(  # type: ignore[no-untyped-def]
         else:
             below[:] = FAR_AWAY
         if needed > 0:
-            agreeing_row(above, here, below, relative, absolute_m, needed, keep)
+            agreeing_row(above, here, below, relative, absolute_m, np.int32(needed), keep)
         if rows[v] != mask_row:
             mask_row = rows[v]
             _class_row(mask[mask_row], columns, table, classes)

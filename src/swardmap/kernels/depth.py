@@ -12,13 +12,19 @@ from swardmap.kernels.constants import FAR_AWAY
 
 @compiled(inline="never")
 def depth_row(depth, unit_m, near_m, far_m, row):  # type: ignore[no-untyped-def]
-    """One row in metres between two border pixels, FAR_AWAY where there is no reading in range."""
-    readings = 0
+    """One row in metres between two border pixels, FAR_AWAY where there is no reading in range.
+
+    Returns:
+        Pixels with any reading, and with one in range: without those a row needs no further work.
+    """
+    readings, in_range = np.int32(0), np.int32(0)
     for u in range(depth.shape[0]):
         z = np.float32(depth[u]) * unit_m
-        readings += (z > np.float32(0)) & (z < np.float32(np.inf))
-        row[u + 1] = z if (z >= near_m) & (z <= far_m) & (z > np.float32(0)) else FAR_AWAY
-    return readings
+        readings = np.int32(readings + ((z > np.float32(0)) & (z < np.float32(np.inf))))
+        near = (z >= near_m) & (z <= far_m) & (z > np.float32(0))
+        in_range = np.int32(in_range + near)
+        row[u + 1] = z if near else FAR_AWAY
+    return readings, in_range
 
 
 @compiled(inline="never")
@@ -34,26 +40,17 @@ def agreeing_row(above, here, below, relative, absolute_m, needed, keep):  # typ
     for u in range(keep.shape[0]):
         z = here[u + 1]
         t = z * relative + absolute_m
-        n = (
-            np.int32(abs(z - above[u]) <= t)
-            + np.int32(abs(z - above[u + 1]) <= t)
-            + np.int32(abs(z - above[u + 2]) <= t)
-            + np.int32(abs(z - here[u]) <= t)
-            + np.int32(abs(z - here[u + 2]) <= t)
-            + np.int32(abs(z - below[u]) <= t)
-            + np.int32(abs(z - below[u + 1]) <= t)
-            + np.int32(abs(z - below[u + 2]) <= t)
+        n = np.int32(
+            (abs(z - above[u]) <= t)
+            + (abs(z - above[u + 1]) <= t)
+            + (abs(z - above[u + 2]) <= t)
+            + (abs(z - here[u]) <= t)
+            + (abs(z - here[u + 2]) <= t)
+            + (abs(z - below[u]) <= t)
+            + (abs(z - below[u + 1]) <= t)
+            + (abs(z - below[u + 2]) <= t)
         )
-        keep[u] = np.int32(n >= needed)
-
-
-@compiled(inline="never")
-def how_many(row, above):  # type: ignore[no-untyped-def]
-    """Numbers of a row that are larger: rows of sky, or farther than the range, need no further work."""
-    n = np.int32(0)
-    for u in range(row.shape[0]):
-        n += np.int32(row[u] > above)
-    return n
+        keep[u] = np.uint8(n >= needed)
 
 
 @compiled()
@@ -69,7 +66,7 @@ def consistent(metres, relative, absolute_m, needed, keep):  # type: ignore[no-u
     """
     H, W = metres.shape
     rows = np.full((3, W + 2), FAR_AWAY, np.float32)
-    agree = np.empty(W, np.int32)
+    agree, needed = np.empty(W, np.uint8), np.int32(needed)
     _plain_row(metres[0], rows[0])
     for v in range(H):
         above, here, below = rows[(v + 2) % 3], rows[v % 3], rows[(v + 1) % 3]
@@ -79,4 +76,4 @@ def consistent(metres, relative, absolute_m, needed, keep):  # type: ignore[no-u
             below[:] = FAR_AWAY
         agreeing_row(above, here, below, relative, absolute_m, needed, agree)
         for u in range(W):
-            keep[v, u] = (agree[u] > 0) & (here[u + 1] > np.float32(0))
+            keep[v, u] = (agree[u] > np.uint8(0)) & (here[u + 1] > np.float32(0))

@@ -16,41 +16,43 @@ TENTHS = np.float64(PER_METRE)
 
 @compiled()
 def _take_cells(  # type: ignore[no-untyped-def]
-    sums, width, side, blocks_wide, mid, resolution_m, first, column, block, mean, height, dx, dy
+    sums, width, side, blocks_wide, mid, resolution_m, first, column, block, starts, mean, points
 ):
     """The cells that were seen, in order; first[iy] is the first of a row. Returns their number."""
     n = 0
+    starts[:] = 0
     for iy in range(first.shape[0] - 1):
         first[iy] = n
         y = (iy + 0.5) * resolution_m - mid[1]
         row_of_blocks = (iy // side) * blocks_wide
         for ix in range(width):
             i = iy * width + ix
-            points = sums[i, 1]
-            if points > 0:
-                m = sums[i, 0] / (points * TENTHS)
+            seen = sums[i, 1]
+            if seen > 0:
+                m = sums[i, 0] / (seen * TENTHS)
                 low = sums[i, 2] / TENTHS + LOWEST_PART_M
                 column[n], block[n] = ix, row_of_blocks + ix // side
-                mean[n], height[n] = m, min(m, low)
-                dx[n], dy[n] = (ix + 0.5) * resolution_m - mid[0], y
+                starts[block[n] + 1] += 1
+                mean[n] = m
+                points[0, n], points[1, n] = (ix + 0.5) * resolution_m - mid[0], y
+                points[2, n] = min(m, low)
                 n += 1
     first[-1] = n
     return n
 
 
 @compiled()
-def _plane_of_lows(dx, dy, height, chosen, plane, near_m):  # type: ignore[no-untyped-def]
+def _plane_of_lows(points, chosen, plane, near_m):  # type: ignore[no-untyped-def]
     """The plane through the lows of the blocks, from level."""
-    full = chosen.shape[0] + LANES
-    x, y, z = np.empty(full), np.empty(full), np.empty(full)
+    lows = np.empty((3, chosen.shape[0] + LANES))
     n = 0
     for i in chosen:
         if i >= 0:
-            x[n], y[n], z[n] = dx[i], dy[i], height[i]
+            lows[0, n], lows[1, n], lows[2, n] = points[0, i], points[1, i], points[2, i]
             n += 1
-    plane[0], plane[1], plane[2] = 0.0, 0.0, np.sort(z[:n])[np.int64(LOW_SHARE * (n - 1))]
-    fill_up(x, y, z, n)
-    robust_plane(x, y, z, n, plane, near_m)
+    plane[0], plane[1], plane[2] = 0.0, 0.0, np.sort(lows[2, :n])[np.int64(LOW_SHARE * (n - 1))]
+    fill_up(lows, n)
+    robust_plane(lows, n, plane, near_m)
 
 
 @compiled()
@@ -78,21 +80,20 @@ def fit(  # type: ignore[no-untyped-def]
     full = width * height + LANES
     first = np.empty(height + 1, np.int64)
     column, block, order = np.empty(full, np.int32), np.empty(full, np.int32), np.empty(full, np.int32)
-    mean, heights, dx, dy = np.empty(full), np.empty(full), np.empty(full), np.empty(full)
+    mean, points = np.empty(full), np.empty((3, full))
+    heights = points[2]
     high, wide = (height - 1) // side + 1, (width - 1) // side + 1
     mid = (0.5 * width * resolution_m, 0.5 * height * resolution_m)
-    n = _take_cells(
-        sums, width, side, wide, mid, resolution_m, first, column, block, mean, heights, dx, dy
-    )  # fmt: skip
+    starts, chosen = np.empty(high * wide + 1, np.int64), np.empty(high * wide, np.int64)
+    n = _take_cells(sums, width, side, wide, mid, resolution_m, first, column, block, starts, mean, points)
     if n < FEWEST_CELLS:
         return False
-    starts, chosen = np.empty(high * wide + 1, np.int64), np.empty(high * wide, np.int64)
-    levels = np.empty(full, np.int32)
+    level_of, levels = np.empty(n, np.int32), np.empty(full, np.int32)
     by_block(block, n, starts, order)
-    low_of_each(heights, starts, order, levels, chosen)
-    _plane_of_lows(dx, dy, heights, chosen, plane, near_m)
-    fill_up(dx, dy, heights, n)
-    robust_plane(dx, dy, heights, n, plane, near_m[-2:])
+    low_of_each(heights, starts, order, level_of, levels, chosen)
+    _plane_of_lows(points, chosen, plane, near_m)
+    fill_up(points, n)
+    robust_plane(points, n, plane, near_m[-2:])
     plane[2] -= plane[0] * mid[0] + plane[1] * mid[1]
     if plane[0] * plane[0] + plane[1] * plane[1] > steepest * steepest:
         return False
@@ -102,7 +103,7 @@ def fit(  # type: ignore[no-untyped-def]
         for k in range(first[iy], first[iy + 1]):
             x = (column[k] + 0.5) * resolution_m
             heights[k] -= plane[0] * x + plane[1] * y + plane[2]
-    low_of_each(heights, starts, order, levels, chosen)
+    low_of_each(heights, starts, order, level_of, levels, chosen)
     lows, lifted, low = np.empty((high, wide)), np.empty((high, wide)), np.empty((high + 2, wide + 2))
     for b in range(high * wide):
         lows[b // wide, b % wide] = heights[chosen[b]] if chosen[b] >= 0 else np.nan

@@ -1,8 +1,28 @@
-"""Exact squared distances up to a radius, in two separable passes (twin: costmap.squared_distances)."""
+"""Exact squared distances up to a radius, in two separable passes (twin: costmap.squared_distances).
+
+A row at a time, in functions of their own, so that loops vectorise (kernels.depth says why).
+"""
 
 import numpy as np
 
 from swardmap.kernels.compiled import compiled
+
+
+@compiled(inline="never")
+def _from_above(occupied, above, far, here):  # type: ignore[no-untyped-def]
+    """Cells down from the nearest occupied one, of a row below another."""
+    for x in range(here.shape[0]):
+        one_more = np.int32(above[x] + np.int32(1))
+        near = one_more if one_more < far else far
+        here[x] = np.int32(0) if occupied[x] else near
+
+
+@compiled(inline="never")
+def _or_from_below(below, here):  # type: ignore[no-untyped-def]
+    """The same, or up from one below if that is nearer."""
+    for x in range(here.shape[0]):
+        one_more = np.int32(below[x] + np.int32(1))
+        here[x] = one_more if one_more < here[x] else here[x]
 
 
 @compiled()
@@ -16,53 +36,74 @@ def squared_distances(occupied, radius, out):  # type: ignore[no-untyped-def]
     """
     H, W = occupied.shape
     far = np.int32(radius + 1)
-    vertical = np.empty((H, W), np.int32)
-    for x in range(W):
-        vertical[0, x] = 0 if occupied[0, x] else far
-    for y in range(1, H):
-        for x in range(W):
-            up = min(far, vertical[y - 1, x] + np.int32(1))
-            vertical[y, x] = np.int32(0) if occupied[y, x] else up
-    for y in range(H - 2, -1, -1):
-        for x in range(W):
-            vertical[y, x] = min(vertical[y, x], vertical[y + 1, x] + np.int32(1))
-    limit = np.int32(far * far)
-    squares = np.empty(W + 2 * radius, np.int32)
-    squares[:] = limit
+    vertical, nothing = np.empty((H, W), np.int32), np.full(W, far, np.int32)
     for y in range(H):
-        _nearest_in_row(vertical[y], squares, radius, limit, out[y])
+        _from_above(occupied[y], vertical[y - 1] if y > 0 else nothing, far, vertical[y])
+    for y in range(H - 2, -1, -1):
+        _or_from_below(vertical[y + 1], vertical[y])
+    limit = np.int32(far * far)
+    squares = np.full(W + 2 * radius, limit, np.int32)
+    for y in range(H):
+        out[y] = limit
+        first, last = _ends(vertical[y], far)
+        if first <= last:
+            a, b = max(0, first - radius), min(W, last + 1 + radius)
+            _square(vertical[y], squares[radius : radius + W])
+            _nearest_in_row(squares[a : b + 2 * radius], radius, out[y, a:b])
 
 
 @compiled()
-def _nearest_in_row(vertical, squares, radius, limit, out):  # type: ignore[no-untyped-def]
-    """Min over |dx| <= radius of vertical^2 + dx^2; rows without anything near are skipped."""
-    W = out.shape[0]
-    nearest = limit
-    for x in range(W):
-        square = vertical[x] * vertical[x]
-        squares[x + radius] = square
-        nearest = min(nearest, square)
-    for x in range(W):
-        out[x] = min(limit, squares[x + radius])
-    if nearest >= limit:
-        return
+def _ends(vertical, far):  # type: ignore[no-untyped-def]
+    """First and last cell of a row that is near anything."""
+    first, last = 0, vertical.shape[0] - 1
+    while first <= last and vertical[first] >= far:
+        first += 1
+    while last > first and vertical[last] >= far:
+        last -= 1
+    return first, last
+
+
+@compiled(inline="never")
+def _square(vertical, squares):  # type: ignore[no-untyped-def]
+    for x in range(vertical.shape[0]):
+        squares[x] = np.int32(vertical[x] * vertical[x])
+
+
+@compiled(inline="never")
+def _beside(left, right, step, out):  # type: ignore[no-untyped-def]
+    for x in range(out.shape[0]):
+        near = left[x] if left[x] < right[x] else right[x]
+        near = np.int32(near + step)
+        out[x] = near if near < out[x] else out[x]
+
+
+@compiled()
+def _nearest_in_row(squares, radius, out):  # type: ignore[no-untyped-def]
+    """Min over |dx| <= radius of vertical^2 + dx^2; `squares` reaches a radius further on both sides."""
+    _beside(squares[radius:], squares[radius:], np.int32(0), out)
     for dx in range(1, radius + 1):
-        step = np.int32(dx * dx)
-        left, right = radius - dx, radius + dx
-        for x in range(W):
-            out[x] = min(out[x], min(squares[x + left], squares[x + right]) + step)
+        _beside(squares[radius - dx :], squares[radius + dx :], np.int32(dx * dx), out)
+
+
+@compiled(inline="never")
+def _raise_row(squared, cost_of_squared, last, inflate_unknown, costs):  # type: ignore[no-untyped-def]
+    for x in range(costs.shape[0]):
+        new = cost_of_squared[np.uint64(squared[x] if squared[x] < last else last)]
+        old = costs[x]
+        unknown = (new >= np.uint8(253)) | (inflate_unknown & (new > np.uint8(0)))
+        costs[x] = new if ((old == np.uint8(255)) & unknown) | (new > old) else old
 
 
 @compiled()
 def apply_costs(squared, cost_of_squared, inflate_unknown, costs):  # type: ignore[no-untyped-def]
-    """Raise `costs` to the table's value; unknown cells give way as Nav2's inflation layer has it."""
-    last = cost_of_squared.shape[0] - 1
+    """Raise `costs` to the table's value; unknown cells give way as Nav2's inflation layer has it.
+
+    The last value of the table is 0: rows that are far from everything stay as they are.
+    """
+    last = np.int32(cost_of_squared.shape[0] - 1)
     for y in range(costs.shape[0]):
-        for x in range(costs.shape[1]):
-            new = cost_of_squared[min(squared[y, x], last)]
-            old = costs[y, x]
-            if old == 255:
-                if new >= 253 or (inflate_unknown and new > 0):
-                    costs[y, x] = new
-            elif new > old:
-                costs[y, x] = new
+        first, end = _ends(squared[y], last)
+        if first <= end:
+            _raise_row(
+                squared[y, first : end + 1], cost_of_squared, last, inflate_unknown, costs[y, first : end + 1]
+            )

@@ -9,7 +9,7 @@ import numpy as np
 from swardmap.kernels import constants
 from swardmap.kernels.compiled import compiled
 from swardmap.kernels.constants import FAR_AWAY, PER_METRE
-from swardmap.kernels.depth import agreeing_row, depth_row, how_many
+from swardmap.kernels.depth import agreeing_row, depth_row
 
 HIGHEST = np.int64(constants.HIGHEST)
 NOT_IN_RANGE = np.int32(constants.NOT_IN_RANGE)
@@ -34,9 +34,12 @@ def _place_row(z_row, ray_x, ray_y, T, per_metre, keep, width, height, cell, ten
         gy = (t10 * x + t11 * y + t12 * z + t13) * per_metre
         up = t20 * x + t21 * y + t22 * z + t23
         inside = (gx >= zero) & (gy >= zero) & (gx < n_x) & (gy < n_y)
-        i = np.int32(gy) * grid_width + np.int32(gx) if inside else OUTSIDE
+        i = np.int32(
+            np.int32(np.int32(gy) * grid_width) + np.int32(gx)
+        )  # all of 32 bits: one of 64 widens the rest
         dropped = np.int32(DROPPED - i) if inside else NOT_CONSISTENT
-        i = i if keep[u] > none else dropped
+        i = i if inside else OUTSIDE
+        i = i if keep[u] > np.uint8(0) else dropped
         i = i if z > zero else NOT_IN_RANGE
         cell[u] = i
         tenths[u] = np.int32(np.floor(up * PER_METRE)) if i >= none else none
@@ -45,8 +48,9 @@ def _place_row(z_row, ray_x, ray_y, T, per_metre, keep, width, height, cell, ten
 @compiled(inline="never")
 def _slot_row(cell, nowhere, slots):  # type: ignore[no-untyped-def]
     """Row of the sums that each pixel belongs to: that of its cell, or one behind them for each reason."""
+    last = np.int32(nowhere)
     for u in range(cell.shape[0]):
-        why = np.int32(nowhere - (cell[u] if cell[u] > DROPPED else NOT_CONSISTENT))
+        why = np.int32(last - (cell[u] if cell[u] > DROPPED else NOT_CONSISTENT))
         slots[u] = cell[u] if cell[u] >= np.int32(0) else why
 
 
@@ -104,20 +108,23 @@ def place(  # type: ignore[no-untyped-def]
     """
     H, W = depth.shape
     near, far, relative, absolute_m = limits
+    needed = np.int32(needed)
     for i in range(sums.shape[0]):
         sums[i, 0], sums[i, 1], sums[i, 2] = 0, 0, HIGHEST
     nowhere = width * height - 1
     z_rows = np.full((3, W + 2), FAR_AWAY, np.float32)
-    keep = np.ones(W, np.int32)
+    keep = np.ones(W, np.uint8)
     tenths, slots = np.empty(W, np.int32), np.empty(W, np.int32)
-    readings = depth_row(depth[0], unit_m, near, far, z_rows[0])
+    readings, ahead = depth_row(depth[0], unit_m, near, far, z_rows[0])
     for v in range(H):
         above, here, below = z_rows[(v + 2) % 3], z_rows[v % 3], z_rows[(v + 1) % 3]
+        in_range = ahead
         if v + 1 < H:
-            readings += depth_row(depth[v + 1], unit_m, near, far, below)
+            more, ahead = depth_row(depth[v + 1], unit_m, near, far, below)
+            readings += more
         else:
             below[:] = FAR_AWAY
-        if how_many(here, np.float32(0)) == 0:
+        if in_range == 0:
             cells[v] = NOT_IN_RANGE
             sums[nowhere - NOT_IN_RANGE, 1] += W
             continue

@@ -14,18 +14,18 @@ FAR_OFF = 1e30
 
 
 @compiled()
-def fill_up(dx, dy, z, n):  # type: ignore[no-untyped-def]
+def fill_up(points, n):  # type: ignore[no-untyped-def]
     """Points up to whole lanes behind the first n, which weigh nothing."""
     for i in range(n, (n + LANES - 1) // LANES * LANES):
-        dx[i], dy[i], z[i] = 0.0, 0.0, FAR_OFF
+        points[0, i], points[1, i], points[2, i] = 0.0, 0.0, FAR_OFF
 
 
 @compiled(inline="never")
-def _sum_round(dx, dy, z, at, a, b, c, near, lanes):  # type: ignore[no-untyped-def]
+def _sum_round(points, at, a, b, c, near, lanes):  # type: ignore[no-untyped-def]
     """Add the weighted sums of LANES points to `lanes`: Tukey's biweight, and the normal equations."""
     for i in range(LANES):
-        x, y = dx[at + i], dy[at + i]
-        off = z[at + i] - (a * x + b * y + c)
+        x, y = points[0, at + i], points[1, at + i]
+        off = points[2, at + i] - (a * x + b * y + c)
         t = off * near
         w = 1.0 - t * t
         w = w if w > 0.0 else 0.0
@@ -43,13 +43,13 @@ def _sum_round(dx, dy, z, at, a, b, c, near, lanes):  # type: ignore[no-untyped-
 
 
 @compiled()
-def robust_plane(dx, dy, z, n, plane, near_m):  # type: ignore[no-untyped-def]
-    """Plane through most points, round by round; arrays filled up to whole lanes."""
+def robust_plane(points, n, plane, near_m):  # type: ignore[no-untyped-def]
+    """Plane through most of the (3, n) points x, y, z, round by round; filled up to whole lanes."""
     lanes, s = np.empty(SUMS * LANES), np.empty(SUMS)
     for r in range(near_m.shape[0]):
         lanes[:] = 0.0
         for at in range(0, n, LANES):
-            _sum_round(dx, dy, z, at, plane[0], plane[1], plane[2], 1.0 / (3.0 * near_m[r]), lanes)
+            _sum_round(points, at, plane[0], plane[1], plane[2], 1.0 / (3.0 * near_m[r]), lanes)
         for k in range(SUMS):
             total = 0.0
             for i in range(LANES):

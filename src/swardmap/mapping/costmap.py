@@ -66,7 +66,7 @@ class ObstacleLayer:
 
     def apply(self, costs: NDArray[np.uint8], grid: OccupancyGrid) -> NDArray[np.uint8]:
         """The costs of the cells' classes, over what was there."""
-        return combine(costs, COST_OF_CLASS[grid.classes], "overwrite")
+        return combine(costs, COST_OF_CLASS.take(grid.classes), "overwrite")
 
 
 @dataclass(frozen=True, slots=True)
@@ -260,7 +260,7 @@ def occupancy_from_costs(costs: NDArray[np.uint8]) -> NDArray[np.int8]:
     scaled = 1 + (97 * (np.arange(256) - 1)) // 251
     scaled[[FREE, INSCRIBED, LETHAL, NO_INFORMATION]] = 0, 99, 100, -1
     table: NDArray[np.int8] = scaled.astype(np.int8)
-    return table[costs]
+    return table.take(costs)  # in half the time of an index
 
 
 def costs_from_occupancy(values: NDArray[np.int8]) -> NDArray[np.uint8]:

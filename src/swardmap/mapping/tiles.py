@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from swardmap.grid import GridSpec, overlap
+from swardmap.grid import GridSpec, shared_cells
 
 TILE = 128
 """Cells along the edge of a tile: 6.4 m at 0.05 m."""
@@ -46,8 +46,8 @@ class Lattice:
         ix, iy = spec.offset_in(self.corner_cell)
         for ty in range(iy // TILE, (iy + spec.height - 1) // TILE + 1):
             for tx in range(ix // TILE, (ix + spec.width - 1) // TILE + 1):
-                here, there = overlap(spec, self.spec_of((tx * TILE, ty * TILE), TILE, TILE))
-                yield (tx, ty), here, there
+                offset = ix - tx * TILE, iy - ty * TILE
+                yield (tx, ty), *shared_cells(offset, spec.shape, (TILE, TILE))
 
     def kept_within(self, tiles: Mapping[TileKey, Tile], spec: GridSpec) -> dict[TileKey, Tile]:
         """The tiles that a grid overlaps, such as those that a rolling window has not left."""

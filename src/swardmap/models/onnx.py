@@ -153,16 +153,21 @@ def segmentation_of(logits: Float32Array, spec: NetworkSpec) -> Segmentation:
     planes = logits[0]
     best, labels = planes[0].copy(), np.full(planes.shape[1:], ids[0], np.uint8)
     for channel in range(1, len(planes)):  # numpy's argmax takes 8 times as long
-        wins = planes[channel] > best
-        labels[wins] = ids[channel]
+        np.copyto(labels, ids[channel], where=planes[channel] > best)
         np.maximum(best, planes[channel], out=best)
-    shares = np.exp((planes - best) / np.float32(spec.temperature))
+    shares = planes - best  # and then in place: new arrays of this size cost as much as what is done to them
+    shares /= np.float32(spec.temperature)
+    np.exp(shares, out=shares)
     total = shares.sum(0)
     hazardous = spec.label_set.map_class_table[ids] >= MapClass.OBSTACLE
-    hazard = shares[hazardous].sum(0) / total
-    labels, confidence = _void_where_nan(labels, 1 / total)
-    quantised = (np.nan_to_num(hazard, nan=1.0) * np.float32(255) + np.float32(0.5)).astype(np.uint8)
-    return Segmentation(labels, spec.label_set, confidence, quantised)
+    hazard = shares[hazardous].sum(0)
+    hazard /= total
+    if np.isnan(total.min()):  # min passes NaN on
+        hazard = np.nan_to_num(hazard, nan=1.0)
+    hazard *= np.float32(255)
+    hazard += np.float32(0.5)
+    labels, confidence = _void_where_nan(labels, np.divide(1, total, out=total))
+    return Segmentation(labels, spec.label_set, confidence, hazard.astype(np.uint8))
 
 
 def open_segmenter(

@@ -14,6 +14,7 @@ from swardmap.geometry import Pose, deproject
 from swardmap.kernels.constants import FAR_AWAY
 from swardmap.types import Frame, LabeledCloud, Segmentation
 
+EVERYWHERE_M = 1e6
 NEIGHBOURS = tuple((dv, du) for dv in (-1, 0, 1) for du in (-1, 0, 1) if (dv, du) != (0, 0))
 
 
@@ -93,6 +94,11 @@ def filtered_cloud(frame: Frame, segmentation: Segmentation, config: CloudConfig
         depth_m, neighbours_needed(frame, config), config.consistency_relative, config.consistency_m
     )
     return label_cloud(frame, segmentation, depth_m)
+
+
+def limits_in_view(config: CloudConfig, grounded: bool) -> CloudConfig:
+    """The limits that hold in a view; of height none where no ground is known, for z of a map tells none."""
+    return config if grounded else replace(config, min_height_m=-EVERYWHERE_M, max_height_m=EVERYWHERE_M)
 
 
 def within_height(

@@ -109,23 +109,24 @@ def count(
 
     n = spec.width * spec.height
     ray_x, ray_y = frame.intrinsics.ray_tables()
-    if ground is None:  # heights in the map, and no marks
+    if ground is None:  # no limits of height, and no marks by depth
         offset_m = floor_m = np.zeros(n, np.float32)
     else:
         offset_m, floor_m = ground.offset_m, ground.floor_m
-    points, per_cell = np.empty(4 * n + 3, np.uint32), np.empty((6, n), np.uint32)
+    up = height_row(T_grid_camera, ground)
+    points, per_cell = np.empty(4 * n + 6, np.uint32), np.empty((6, n), np.uint32)
     rows, columns = map(_sources, frame.depth.shape, segmentation.labels.shape)
     mask, table, hazard = _mask(segmentation, config)
     kernel.count(
-        frame.depth, np.float32(frame.depth_unit_m), ray_x, ray_y, placed.cells,
-        mask, table, mask if hazard is None else hazard, hazard is None, rows, columns,
-        height_row(T_grid_camera, ground), count_limits(config), ground is not None,
+        frame.depth, np.float32(frame.depth_unit_m), ray_x, ray_y, placed.cells, placed.sums,
+        mask, table, mask if hazard is None else hazard, hazard is not None, rows, columns,
+        up, count_limits(config, ground), ground is not None,
         offset_m, floor_m, points, per_cell,
     )  # fmt: skip
-    void, out_of_height = points[-3:-1].tolist()
+    void, out_of_height = points[-2:].tolist()
     seen, doubt, above, below, raised, dropped = per_cell.reshape(6, *spec.shape)
-    by_class = points[:-3].reshape(*spec.shape, 4)
-    return Counted(by_class, seen, doubt, above, below, raised, dropped, void, out_of_height)
+    by_class = points[:-6].reshape(*spec.shape, 4)
+    return Counted(by_class, seen, doubt, above, below, raised, dropped, up, void, out_of_height)
 
 
 def _mask(

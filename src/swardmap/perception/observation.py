@@ -1,6 +1,6 @@
 """What one frame says of the cells it sees: the only thing that maps take in."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -41,8 +41,7 @@ class PixelCounts:
     used: int
 
     def __add__(self, other: "PixelCounts") -> "PixelCounts":
-        theirs = asdict(other)
-        return PixelCounts(**{name: n + theirs[name] for name, n in asdict(self).items()})
+        return PixelCounts(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,6 +14,7 @@ from swardmap.config import Config
 from swardmap.geometry import Pose
 from swardmap.kernels.constants import UNSURE, VOID
 from swardmap.labels import LabelSet
+from swardmap.perception.cloud import limits_in_view
 from swardmap.perception.ground_surface import Ground, Sums
 from swardmap.types import Segmentation
 
@@ -52,6 +53,7 @@ class Counted:
         below: (height, width) uint32 points below it.
         raised: (height, width) uint32 points that are a little above it, and doubted.
         dropped: (height, width) uint32 readings above it that the 3x3 filter removed.
+        height_row: (4,) float32 of the function of that name.
         void: pixels of which the mask says nothing.
         out_of_height: pixels below or above the limits.
         merged: points joined in a voxel or removed as outliers.
@@ -64,6 +66,7 @@ class Counted:
     below: NDArray[np.uint32]
     raised: NDArray[np.uint32]
     dropped: NDArray[np.uint32]
+    height_row: NDArray[np.float32]
     void: int
     out_of_height: int
     merged: int = 0
@@ -99,9 +102,9 @@ def height_row(T_grid_camera: Pose, ground: Ground | None) -> NDArray[np.float32
     return row
 
 
-def count_limits(config: Config) -> NDArray[np.float32]:
+def count_limits(config: Config, ground: Ground | None) -> NDArray[np.float32]:
     """(7,) float32 lowest and highest point, rise, doubted rise, hole, noise at 1 m times sigmas, doubt."""
-    cloud, geometry = config.cloud, config.geometry
+    cloud, geometry = limits_in_view(config.cloud, ground is not None), config.geometry
     return np.array(
         [cloud.min_height_m, cloud.max_height_m, geometry.min_height_m, geometry.doubt_height_m,
          geometry.hole_depth_m, geometry.noise_sigmas * geometry.noise_m_at_1m, 255 * geometry.doubt_above],

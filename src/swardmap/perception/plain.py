@@ -107,7 +107,7 @@ def count(
     config: Config,
 ) -> Counted:
     """What the pixels say of each cell, at their heights above the ground."""
-    lowest, highest, rise_m, doubt_rise_m, hole_m, noise, doubted = count_limits(config)
+    lowest, highest, rise_m, doubt_rise_m, hole_m, noise, doubted = count_limits(config, ground)
     rows, columns = (nearest_indices(n, m) for n, m in zip(frame.depth.shape, segmentation.labels.shape,
                                                            strict=True))  # fmt: skip
     used = placed.cells >= 0
@@ -150,7 +150,7 @@ def count(
         )
         dropped = _dropped_above(frame, placed, up, ground, spec, config)
     return Counted(
-        points, seen, doubt, above, below, raised, dropped,
+        points, seen, doubt, above, below, raised, dropped, up,
         void=int((~named).sum()), out_of_height=int((named & ~in_height).sum()), merged=merged,
     )  # fmt: skip
 
@@ -159,7 +159,7 @@ def _dropped_above(
     frame: Frame, placed: Placed, up: NDArray[np.float32], ground: Ground, spec: GridSpec, config: Config
 ) -> NDArray[np.uint32]:
     """Readings that the filter dropped and that stand above the ground, by cell."""
-    _, highest, rise_m, _, _, noise, _ = count_limits(config)
+    _, highest, rise_m, _, _, noise, _ = count_limits(config, ground)
     ray_x, ray_y = frame.intrinsics.ray_tables()
     is_dropped = placed.cells <= DROPPED
     cell, z = DROPPED - placed.cells[is_dropped], frame.depth_m[is_dropped]

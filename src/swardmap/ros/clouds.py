@@ -43,7 +43,8 @@ class FramePoints:
 def height_row(step: StepResult) -> NDArray[np.float32]:
     """(4,) float32 a, b, c, d: a x + b y + c z + d is the height of a point of the camera.
 
-    Above the ground of this view, as the map takes it; where no ground is estimated, above the map's z = 0.
+    Above the ground of this view, as the map takes it; where none is known above the map's z = 0, which
+    limits nothing (`limits_in_view`).
     """
     row = step.observation.height_row
     return step.T_map_camera.matrix[2].astype(np.float32) if row is None else row
@@ -130,6 +131,7 @@ def ground_fields(
     config: CloudConfig,
     stamped: tuple[int, str],
     stride: int = 1,
+    grounded: bool = True,
 ) -> Fields:
     """sensor_msgs/PointCloud2, x y z label, of lawn near the ground: what an obstacle layer may clear by.
 
@@ -143,7 +145,10 @@ def ground_fields(
         config: limits.
         stamped: stamp of the colour image and its optical frame.
         stride: only every n-th row and column.
+        grounded: whether the ground is known; else nothing may be cleared, and no point is near it.
     """
+    if not grounded:
+        return packed_cloud_fields(np.zeros(0, POINT), *stamped)
     heights_m = config.min_height_m, min(CLEARS_BELOW_M, config.max_height_m)
     points = _points(frame, segmentation, height_row, config, heights_m, MapClass.GRASS, stride)
     lawn = segmentation.label_set.map_class_table[points["label"]] == MapClass.GRASS

@@ -13,6 +13,7 @@ from swardmap.io.bags.ros_fields import occupancy_grid_fields
 from swardmap.labels import LabelSet, MapClass
 from swardmap.mapping.costmap import Costmap, occupancy_from_costs
 from swardmap.monitor.diagnostics import HealthReport, Severity
+from swardmap.perception.cloud import limits_in_view
 from swardmap.ros import messages
 from swardmap.ros.clouds import (
     cloud_fields,
@@ -189,7 +190,9 @@ class Outputs:
             mask, confidence = messages.mask_fields(step.segmentation, step.frame.depth.shape, *stamped)
             self._send(pair.camera, "mask", self._image, mask)
             self._send(pair.camera, "confidence", self._image, confidence)
-        seen = step.frame, step.segmentation, height_row(step), config.cloud
+        grounded = step.observation.ground is not None
+        limits = limits_in_view(config.cloud, grounded)
+        seen = step.frame, step.segmentation, height_row(step), limits
         if "cloud" in wanted:
             one_a_pixel = organised_cloud_fields(frame_points(*seen), *stamped) if organised else None
             cloud = one_a_pixel or cloud_fields(*seen, stamped, stride=stride)
@@ -198,7 +201,7 @@ class Outputs:
             cloud = cloud_fields(*seen, stamped, MapClass.OBSTACLE, marked_by_depth_m(step), stride)
             self._send(pair.camera, "obstacles", self._cloud, cloud)
         if "ground" in wanted:
-            self._send(pair.camera, "ground", self._cloud, ground_fields(*seen, stamped, stride))
+            self._send(pair.camera, "ground", self._cloud, ground_fields(*seen, stamped, stride, grounded))
 
     def publish_map(self, grid: OccupancyGrid, costmap: Costmap | None, now_s: float, full_s: float) -> None:
         """Map and costmap, or what changed of them."""
