@@ -16,7 +16,7 @@ from swardmap.eval.truth import FEWEST_LAWN_PIXELS, TEXEL_M, dense_map, fitted_g
 from swardmap.geometry import Intrinsics, Pose, deproject, transform_points
 from swardmap.grid import classify_cells, count_points
 from swardmap.io.sources.truth import FrameTruth, GroundRaster
-from swardmap.labels import MapClass
+from swardmap.labels import GRASS, OTHER, MapClass
 from swardmap.perception.cloud import crop_height, crop_range, label_cloud
 from swardmap.synth.analytic import garden_scene, lane_poses, render
 from swardmap.types import Frame
@@ -106,6 +106,24 @@ def test_what_the_limits_leave_out_is_counted(frame: Frame) -> None:
     assert cut["frames_ground_recorded"] == 1
     names = ("judged_pixels", "unjudged_above", "unjudged_below", "unjudged_out_of_range")
     assert sum(all_in[n] for n in names) == sum(cut[n] for n in names)
+
+
+@pytest.mark.parametrize("datum_m", [-3.0, 0.0, 3.0])
+def test_where_nobody_knows_the_ground_the_maps_z_leaves_nothing_out(frame: Frame, datum_m: float) -> None:
+    """A view without lawn, such as of a yard; with z for heights one lifted by 3 m held no obstacle."""
+    assert frame.labels is not None
+    yard = replace(frame, labels=np.where(frame.labels == GRASS.id, OTHER.id, frame.labels))
+    here, there = (true_pixels(each, pose_of(each), Config()) for each in (yard, moved(yard, 0.0, datum_m)))
+    assert here.ground == there.ground == "unknown"
+    assert there.judged.all()
+    np.testing.assert_allclose(there.height_m, here.height_m, atol=1e-5)
+    assert np.abs(np.quantile(there.height_m, 0.3)) < 0.05  # the lowest of this view is its ground
+
+
+def test_a_view_without_any_reading_has_no_pixels(frame: Frame) -> None:
+    blind = replace(frame, depth=np.zeros_like(frame.depth), labels=None)
+    found = true_pixels(blind, pose_of(blind), Config())
+    assert len(found.index) == len(found.height_m) == len(found.judged) == 0
 
 
 def test_true_masks_and_depth_have_no_miss_wherever_the_ground_lies(frame: Frame) -> None:

@@ -13,7 +13,7 @@ from swardmap.eval.dmin import Misses, find_misses, nearest_hits
 from swardmap.eval.frame_maps import FrameMaps
 from swardmap.eval.protocols import protocol_configs
 from swardmap.eval.tally import RANGE_BANDS_M, MapTally, MissedKind, MissKind
-from swardmap.eval.truth import fitted_ground
+from swardmap.eval.truth import fitted_ground, within_limits
 from swardmap.geometry import Pose
 from swardmap.grid import GridSpec, OccupancyGrid, classify_cells, count_points
 from swardmap.labels import MapClass
@@ -87,8 +87,8 @@ def frame_map(
 def cloud_map(cloud: LabeledCloud, T_map_cloud: Pose, config: Config, spec: GridSpec) -> OccupancyGrid:
     """The reference map of an annotated cloud, as the paper makes it for real data (Sec. 4.1.2).
 
-    Every point with a label counts, within the limits of height above the ground through its lawn; void
-    points say nothing.
+    Every point with a label counts, within the limits of height above the ground through its lawn (all of
+    them where there is no lawn); void points say nothing.
 
     Args:
         cloud: from `io.cloud_files` or `io.annotation_files`.
@@ -100,8 +100,8 @@ def cloud_map(cloud: LabeledCloud, T_map_cloud: Pose, config: Config, spec: Grid
     classes = cloud.label_set.map_class_table[cloud.labels]
     ground = fitted_ground(xyz[classes == MapClass.GRASS])
     height_m = xyz[:, 2] - (0.0 if ground is None else ground.at(xyz[:, 0], xyz[:, 1]))
-    low, high = config.cloud.min_height_m, config.cloud.max_height_m
-    judged = cloud[(classes != MapClass.UNKNOWN) & (height_m >= low) & (height_m <= high)]
+    inside = within_limits(height_m, config.cloud, ground is not None)
+    judged = cloud[(classes != MapClass.UNKNOWN) & inside]
     counts, _ = count_points(judged.transformed(spec.T_grid_map @ T_map_cloud.of_child(cloud.frame_id)), spec)
     return OccupancyGrid(spec, classify_cells(counts, 1), cloud.stamp_ns)
 

@@ -1,8 +1,8 @@
 """The truth of a frame: every pixel by its true label and its height above the true ground (Sec. 4.3).
 
 The ground is the one that the data set recorded; elsewhere it is fitted to the pixels that are truly
-lawn. So the truth depends on nothing that is to be judged. What limits of range and height leave out of
-it is counted.
+lawn. So the truth depends on nothing that is to be judged. Where nobody knows the ground no limit of height
+leaves anything out, as in maps: z of a map tells nothing of it. What limits do leave out is counted.
 """
 
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from swardmap.config import Config
+from swardmap.config import CloudConfig, Config
 from swardmap.errors import InvalidValueError
 from swardmap.geometry import Pose
 from swardmap.grid import GridSpec, OccupancyGrid
@@ -22,6 +22,8 @@ TEXEL_M = 0.25
 """Of a ground that is fitted."""
 FEWEST_LAWN_PIXELS = 50
 """Of true lawn that a ground is fitted to."""
+LOWEST_SHARE = 0.01
+"""So many pixels lie below what counts as the lowest where no ground is known: noise."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,9 +35,9 @@ class TruePixels:
         index: (N,) int64 flat place in the image.
         xyz_m: (N, 3) float32 in the frame of the camera.
         T_map_camera: pose that they are placed by.
-        height_m: (N,) float64 above the true ground; above the map's z = 0 where no ground is known.
-        judged: (N,) bool, within the height limits.
-        ground: where the ground is from: `recorded`, `fitted`, or `map` (nobody knows it).
+        height_m: (N,) float64 above the true ground; above the lowest of the pixels where nobody knows it.
+        judged: (N,) bool, within the height limits; all where nobody knows the ground.
+        ground: where the ground is from: `recorded`, `fitted`, or `unknown`.
         out_of_range: (M,) int64 flat places of pixels with a reading nearer or farther than the range.
     """
 
@@ -103,7 +105,8 @@ def true_pixels(
     kernel.points(depth_m, *limits, *frame.intrinsics.ray_tables(), index, xyz_m, left_out)
     ground, source = _ground(frame, xyz_m, T_map_camera, index, truth)
     if ground is None:
-        height_m = _in_map(xyz_m, T_map_camera)[:, 2].copy()
+        z_m = _in_map(xyz_m, T_map_camera)[:, 2]
+        height_m = z_m - (np.quantile(z_m, LOWEST_SHARE) if within else 0.0)
     else:
         height_m, origin_m = np.empty(within), np.array(ground.origin_m, np.float64)
         turn, position_m = _turn_and_position(T_map_camera)
@@ -114,10 +117,18 @@ def true_pixels(
         xyz_m=xyz_m,
         T_map_camera=T_map_camera,
         height_m=height_m,
-        judged=(height_m >= cloud.min_height_m) & (height_m <= cloud.max_height_m),
+        judged=within_limits(height_m, cloud, ground is not None),
         ground=source,
         out_of_range=left_out,
     )
+
+
+def within_limits(height_m: NDArray[np.float64], cloud: CloudConfig, grounded: bool) -> NDArray[np.bool_]:
+    """(N,) whether heights lie within the limits; where no ground is known they limit nothing."""
+    if not grounded:
+        return np.ones(len(height_m), np.bool_)
+    inside: NDArray[np.bool_] = (height_m >= cloud.min_height_m) & (height_m <= cloud.max_height_m)
+    return inside
 
 
 def dense_map(
@@ -209,7 +220,7 @@ def _ground(
     if truth is not None and truth.ground is not None:
         return truth.ground, "recorded"
     if frame.labels is None or frame.label_set is None:
-        return None, "map"
+        return None, "unknown"
     from swardmap.kernels import truth as kernel
 
     labels, table = frame.labels.ravel(), frame.label_set.map_class_table
@@ -218,4 +229,4 @@ def _ground(
     lawn = np.empty((int(np.count_nonzero(classes == MapClass.GRASS)), 3), np.float32)
     kernel.choose(xyz_m, classes, np.uint8(MapClass.GRASS), lawn)
     fitted = fitted_ground(_in_map(lawn, T_map_camera))
-    return fitted, "map" if fitted is None else "fitted"
+    return fitted, "unknown" if fitted is None else "fitted"
