@@ -26,7 +26,7 @@ ROOT = Path(__file__).parent.parent
 SECONDS, SETTLE_S = 25.0, 5.0
 VIEWS = 20
 FULL = (640, 480)
-RIG = {
+RIG: dict[str, Any] = {
     "base_frame": "base_link",
     "cameras": {
         "left": {"mount": {"height_m": 0.9, "pitch_deg": 25.0, "x_m": 0.5, "y_m": 0.2, "yaw_deg": 20.0}},
@@ -53,8 +53,8 @@ class Case:
 
 
 CASES = (
-    Case(5), Case(7.5), Case(10), Case(15), Case(10, network="small"), Case(15, network="small"),
-    Case(15, threads=1), Case(15, threads=1, queue_frames=1),
+    Case(5), Case(7.5), Case(10), Case(15), Case(15, network="large"), Case(10, network="small"),
+    Case(15, threads=1, network="large"), Case(15, threads=1, queue_frames=1, network="large"),
 )  # fmt: skip
 
 
@@ -70,7 +70,8 @@ def run(case: Case, folder: Path) -> dict[str, Any]:
     """Start the node, play to it, and what both have measured."""
     namespace = f"/b{uuid.uuid4().hex[:8]}"
     rig, file, out = folder / "rig.yaml", folder / "params.yaml", folder / "out.json"
-    rig.write_text(json.dumps(RIG))
+    cameras = {name: camera | {"rate_hz": case.rate_hz} for name, camera in RIG["cameras"].items()}
+    rig.write_text(json.dumps(RIG | {"cameras": cameras}))
     settings = {
         "rig_file": str(rig), "queue_frames": case.queue_frames, "source": {"odometry_topic": "odom"},
         "segmenter": {"name": case.network, "threads": case.threads},

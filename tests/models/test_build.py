@@ -15,7 +15,7 @@ from swardmap.types import Frame
 MakeFrame = Callable[..., Frame]
 
 
-@pytest.mark.parametrize("name", ["auto", "small", "colour", "truth"])
+@pytest.mark.parametrize("name", ["auto", "large", "small", "colour", "truth"])
 def test_each_named_segmenter_keeps_the_contract(lawn_frame: MakeFrame, name: str) -> None:
     segmenter = build_segmenter(SegmenterConfig(name=name), GRASS_OBSTACLE)
     assert isinstance(segmenter, Segmenter)
@@ -42,7 +42,7 @@ def test_auto_is_colour_in_a_package_without_a_network(
 
 @pytest.mark.parametrize("name", ["color", "", "onnx", "net.pt"])
 def test_an_unknown_name_is_refused_with_what_is_known(name: str) -> None:
-    with pytest.raises(ConfigError, match="expected auto, small, colour, truth or the path"):
+    with pytest.raises(ConfigError, match="expected auto, large, small, colour, truth or the path"):
         build_segmenter(SegmenterConfig(name=name))
 
 

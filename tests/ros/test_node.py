@@ -278,6 +278,16 @@ def test_of_a_rig_the_pair_that_faces_the_way_makes_one_map(tmp_path: Path) -> N
     np.testing.assert_array_equal(part_of(heard, "map_last", mapper.map.spec), mapper.map.nav_values)
 
 
+def test_a_rig_that_asks_more_than_the_cores_map_is_given_the_smaller_network(tmp_path: Path) -> None:
+    rig_file = tmp_path / "rig.yaml"
+    hasty = {name: camera | {"rate_hz": 1000.0} for name, camera in drive.RIG["cameras"].items()}
+    rig_file.write_text(json.dumps(drive.RIG | {"cameras": hasty}))
+    for named, taken in (("auto", "small"), ("large", "large")):
+        settings = SETTINGS | {"segmenter": {"name": named}}
+        with running(tmp_path, settings, RELIABLY | {"rig_file": str(rig_file)}) as robot:
+            assert robot.ask(["get", "segmenter.name"]) == [taken]
+
+
 def test_work_area_margin_geometry_and_evidence_give_the_costs_of_the_recording(
     bag: Path, tmp_path: Path
 ) -> None:

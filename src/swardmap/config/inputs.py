@@ -107,7 +107,7 @@ class SegmenterConfig(Checked):
     """What tells grass from obstacles."""
 
     name: str = setting(
-        "auto", "an .onnx file, or auto, small (faster), colour (excess green), truth (the labels)"
+        "auto", "an .onnx file, or auto, large, small (faster), colour (excess green), truth (the labels)"
     )
     min_confidence: float = setting(
         0.0, "below it a pixel of grass clears nothing; obstacles count whatever it is", minimum=0, maximum=1

@@ -14,8 +14,11 @@ from swardmap.labels import LabelSet
 from swardmap.segmenter import Segmenter
 
 BUNDLED_FOLDER = Path(__file__).parent.parent / "data" / "models"
-BUNDLED_FILES: Mapping[str, str] = {"auto": "lawn.onnx", "small": "lawn-small.onnx"}
-"""Networks in the package by the name of the segmenter; `small` is the same one with a smaller input."""
+BUNDLED_FILES: Mapping[str, str] = {"auto": "lawn.onnx", "large": "lawn.onnx", "small": "lawn-small.onnx"}
+"""Networks in the package by the name of the segmenter; `small` is the same one with a smaller input.
+
+`auto` is the larger one, but on a robot whose cameras ask more of its cores (`swardmap.ros.network_choice`).
+"""
 
 
 class SegmenterModule(Protocol):
@@ -35,7 +38,7 @@ SEGMENTERS: Mapping[str, str] = {
 
 
 def bundled_network(name: str = "auto") -> Path | None:
-    """The network that comes with the package, `auto` or `small`; None in a package without it."""
+    """The network that comes with the package, by a name of `BUNDLED_FILES`; None in a package without it."""
     path = BUNDLED_FOLDER / BUNDLED_FILES[name]
     return path if path.is_file() else None
 
@@ -53,8 +56,9 @@ def build_segmenter(
     """Make the segmenter that the configuration names.
 
     Args:
-        config: `config.name` is `auto` (the bundled network, or colour where there is none), `small` (that
-            network with a smaller input), `colour`, `truth`, or the path of an .onnx file.
+        config: `config.name` is `auto` (the bundled network, or colour where there is none), `large` (the
+            same, or nothing), `small` (that network with a smaller input), `colour`, `truth`, or the path of
+            an .onnx file.
         source_label_set: classes of the recording's true labels, if it has any; `truth` needs it.
 
     Raises:
@@ -75,5 +79,5 @@ def _kind_of(name: str) -> str:
     if name in SEGMENTERS and name != "onnx":
         return name
     raise ConfigError(
-        f"segmenter: expected auto, small, colour, truth or the path of an .onnx file, got '{name}'"
+        f"segmenter: expected auto, large, small, colour, truth or the path of an .onnx file, got '{name}'"
     )

@@ -174,7 +174,7 @@ def open_segmenter(
     config: SegmenterConfig,
     source_label_set: LabelSet | None = None,  # noqa: ARG001 - the module contract
 ) -> OnnxSegmenter:
-    """Load the network that the configuration names; `auto` and `small` are bundled.
+    """Load the network that the configuration names; those of `BUNDLED_FILES` are bundled.
 
     Raises:
         ModelError: for a file that is missing, damaged, or no network of swardmap's.
@@ -192,8 +192,12 @@ def default_threads() -> int:
     Two cores map two cameras at 15 frames a second with two threads, and not with one (docs/robot.md).
     Threads that wait do not spin, so that they take no core from others.
     """
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return max(1, min(MOST_THREADS, cores))
+    return min(MOST_THREADS, usable_cores())
+
+
+def usable_cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _open_session(path: Path, threads: int, provider: str) -> Any:

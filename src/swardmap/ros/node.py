@@ -124,9 +124,10 @@ class RobotNode:
 
         for sentence in self._types.without:
             self.log.info(sentence)
-        self._parameters.take_margin()
         node = self.parameters.node
         rig = None if node.rig_file is None else read_rig(node.rig_file)
+        self._parameters.take_network(rig)
+        self._parameters.take_margin()
         segmenter = build_segmenter(self.parameters.config.segmenter)
         pipeline = LivePipeline(self.parameters, segmenter, rig)
         began = time.monotonic()

@@ -5,6 +5,9 @@ from typing import Any
 
 from swardmap.config import config_to_dict
 from swardmap.errors import ConfigError, SwardmapError
+from swardmap.models.onnx import usable_cores
+from swardmap.rig.rig import Rig
+from swardmap.ros.network_choice import network_of_rig
 from swardmap.ros.parameters import Declaration, Parameters, changed, declarations, parameters_from
 
 
@@ -35,6 +38,18 @@ class NodeParameters:
         self._known = {d.name: self._declared(d) for d in declarations(defaults)}
         self.now = parameters_from(self._known)
         node.add_on_set_parameters_callback(self._on_set)
+
+    def take_network(self, rig: Rig | None) -> None:
+        """Set the smaller network in place of `auto` for a rig that asks too much of the cores.
+
+        The parameter `segmenter.name` tells it from then on.
+        """
+        from rclpy.parameter import Parameter
+
+        name, why = network_of_rig(self.now.config.segmenter, rig, usable_cores())
+        if why:
+            self._node.set_parameters_atomically([Parameter("segmenter.name", value=name)])
+            self._node.get_logger().info(why)
 
     def take_margin(self) -> None:
         """Set the measured margin in place of what the parameters say; they tell it from then on.
