@@ -9,7 +9,7 @@ from swardmap.config import config_from_dict
 from swardmap.ros.last_words import last_words
 from swardmap.ros.run_facts import run_facts
 from swardmap.runs.recording import map_recording
-from swardmap.runs.summary import seen_lines
+from swardmap.runs.told import seen_lines
 from tests import lawn_bags
 from tests.bags import write_bag
 from tests.ros import drive

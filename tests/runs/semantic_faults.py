@@ -20,7 +20,7 @@ from swardmap.models import build_segmenter
 from swardmap.ros.live_pipeline import JUDGED_FRAMES
 from swardmap.ros.watched_mapper import WatchedMapper
 from swardmap.runs.recording import map_recording
-from swardmap.runs.summary import pixel_warnings
+from swardmap.runs.warnings import pixel_warnings
 from swardmap.synth.analytic import AnalyticSource, garden_scene, lane_poses
 from swardmap.types import Frame
 

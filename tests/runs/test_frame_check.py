@@ -20,7 +20,7 @@ from swardmap.monitor.watchdog import Watchdog
 from swardmap.runs.frame_check import FrameCheck
 from swardmap.runs.record_looks import Looker, watchdog_of, with_mask
 from swardmap.runs.recording import MapRun, map_recording
-from swardmap.runs.summary import report_lines
+from swardmap.runs.told import report_lines
 from swardmap.synth.analytic import AnalyticSource, garden_scene, lane_poses
 from swardmap.types import Frame, Segmentation
 

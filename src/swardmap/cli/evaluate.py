@@ -175,7 +175,7 @@ def _written(
     from swardmap.io.door import reading
     from swardmap.runs.frame_check import doubt_warnings
     from swardmap.runs.record_looks import watchdog_of
-    from swardmap.runs.summary import flat_warnings
+    from swardmap.runs.warnings import flat_warnings
 
     run = gather(out)
     margin = MarginOptions(**(written_margin_options(out) | margin_options))

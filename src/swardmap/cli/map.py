@@ -186,6 +186,6 @@ def _cells_text(facts: dict[str, Any]) -> str:
 
 def report(summary: dict[str, Any], out: Path) -> str:
     """What a person wants to know after a run, in a few lines."""
-    from swardmap.runs.summary import report_lines
+    from swardmap.runs.told import report_lines
 
     return "\n".join([*report_lines(summary), f"results in {out}"])

@@ -2,7 +2,7 @@
 
 from swardmap.ros.live_pipeline import LivePipeline
 from swardmap.ros.run_facts import run_facts
-from swardmap.runs.summary import seen_lines
+from swardmap.runs.told import seen_lines
 
 
 def last_words(pipeline: LivePipeline) -> list[str]:

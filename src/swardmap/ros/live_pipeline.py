@@ -27,7 +27,7 @@ from swardmap.ros.intake import Intake
 from swardmap.ros.load import Load
 from swardmap.ros.parameters import Parameters
 from swardmap.ros.watched_mapper import WatchedMapper
-from swardmap.runs.summary import flat_warnings, pixel_warnings
+from swardmap.runs.warnings import flat_warnings, pixel_warnings
 from swardmap.segmenter import Segmenter
 
 JUDGED_FRAMES = 5

@@ -6,7 +6,7 @@ from typing import Any
 from swardmap.io.sources.pairing import pairing_facts
 from swardmap.io.sources.source import Tally, tally_facts
 from swardmap.ros.live_pipeline import LivePipeline
-from swardmap.runs.summary import pixel_warnings
+from swardmap.runs.warnings import pixel_warnings
 
 
 def run_facts(pipeline: LivePipeline) -> dict[str, Any]:

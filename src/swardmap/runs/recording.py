@@ -22,7 +22,8 @@ from swardmap.pipeline import ObstacleMapper, StepResult, configured_mount
 from swardmap.runs.ahead import may_run_at_once, network_plan
 from swardmap.runs.frame_check import FrameCheck
 from swardmap.runs.map_steps import map_steps
-from swardmap.runs.summary import RunTotals, summarise, warnings_of
+from swardmap.runs.summary import RunTotals, summarise
+from swardmap.runs.warnings import warnings_of
 from swardmap.segmenter import Segmenter
 
 OnStep = Callable[[StepResult], None]

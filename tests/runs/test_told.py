@@ -10,7 +10,8 @@ from swardmap.config import Config, config_from_dict
 from swardmap.errors import InputError
 from swardmap.geometry import Intrinsics, Pose
 from swardmap.runs.recording import map_recording
-from swardmap.runs.summary import pixel_warnings, report_lines, warnings_of
+from swardmap.runs.told import report_lines
+from swardmap.runs.warnings import pixel_warnings, warnings_of
 from swardmap.synth.analytic import AnalyticSource, garden_scene, lane_poses
 
 SMALL = Intrinsics(160, 120, 115.0, 115.0, 79.5, 59.5)
