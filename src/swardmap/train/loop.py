@@ -132,7 +132,8 @@ def train_step(run: Run, sets: Sequence[PhotoSet], codes: Codes, rank: int = 0, 
     run.network.train()
     if schedule.frozen_norms:
         freeze_norms(run.network)
-    half = torch.autocast(run.device.type, torch.bfloat16, enabled=schedule.precision == "bf16")
+    precision = quick_precision(run.device.type) if schedule.precision == "auto" else schedule.precision
+    half = torch.autocast(run.device.type, torch.bfloat16, enabled=precision == "bf16")
     with half:
         low, high, view_codes, fine = _encoded(run, sets, range(rank, schedule.batch, world))
         features = run.network.decoder(low, high)
