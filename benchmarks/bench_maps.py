@@ -29,7 +29,8 @@ from swardmap.eval.run import make_plan
 from swardmap.eval.safety import SafetyTally, judge, total_safety
 from swardmap.eval.things import find_things
 from swardmap.grid import GridSpec, OccupancyGrid
-from swardmap.models.onnx import open_segmenter, segmentation_of
+from swardmap.models.network_io import segmentation_of
+from swardmap.models.onnx import open_segmenter
 from swardmap.pipeline import new_map, observe
 
 SETTINGS = load_config(overrides=["grid.resolution_m=0.05"])

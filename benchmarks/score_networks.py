@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 from swardmap.errors import InputError
 from swardmap.labels import VOID_ID
 from swardmap.models import bundled_network
-from swardmap.models.onnx import OnnxSegmenter, decide
+from swardmap.models.network_io import decide
+from swardmap.models.onnx import OnnxSegmenter
 from swardmap.train.data import load_photos
 from swardmap.train.light import SRGB_GAMMA, saturated, vignette
 from swardmap.train.photos import Photo

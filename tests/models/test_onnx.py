@@ -13,7 +13,8 @@ from swardmap.config import SegmenterConfig
 from swardmap.errors import ConfigError, InvalidValueError, ModelError
 from swardmap.labels import GRASS_OBSTACLE, GRASS_OBSTACLE_PERSON, OTHER, VOID_ID
 from swardmap.models import build_segmenter
-from swardmap.models.onnx import OnnxSegmenter, decide, preprocess
+from swardmap.models.network_io import decide, preprocess
+from swardmap.models.onnx import OnnxSegmenter
 from swardmap.models.spec import METADATA_KEY, UNFAMILIAR, NetworkSpec
 from swardmap.types import Frame
 

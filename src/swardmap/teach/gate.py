@@ -21,7 +21,8 @@ from swardmap.eval.things import HEIGHTS_M
 from swardmap.io.images import read_color, read_mask
 from swardmap.io.sources.truth import FIRST_AREA
 from swardmap.labels import GRASS, OTHER, PERSON, MapClass
-from swardmap.models.onnx import OnnxSegmenter, segmentation_of
+from swardmap.models.network_io import segmentation_of
+from swardmap.models.onnx import OnnxSegmenter
 from swardmap.teach.safety import SafetyFrame, safety_frames
 
 FEWEST_PIXELS = 20

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from swardmap.models.onnx import preprocess
+from swardmap.models.network_io import preprocess
 from swardmap.train.export import INPUT, open_session, read_spec
 from swardmap.train.photos import Photo
 from swardmap.types import nearest_indices

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from swardmap.errors import ConfigError, InputError, ModelError
 from swardmap.labels import GRASS, OTHER, PERSON, VOID_ID, Role
 from swardmap.models import bundled_network
-from swardmap.models.onnx import preprocess
+from swardmap.models.network_io import preprocess
 from swardmap.models.spec import METADATA_KEY, NetworkSpec
 from swardmap.train.augment import Image
 from swardmap.train.recipe import TeacherConfig

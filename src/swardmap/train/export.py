@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from swardmap.errors import ModelError, require
 from swardmap.labels import Role
-from swardmap.models.onnx import preprocess
+from swardmap.models.network_io import preprocess
 from swardmap.models.spec import METADATA_KEY, NetworkSpec
 from swardmap.train.augment import Image
 from swardmap.train.networks import DeepLabV3Plus

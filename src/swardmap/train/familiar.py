@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swardmap.errors import InputError
-from swardmap.models.onnx import preprocess
+from swardmap.models.network_io import preprocess
 from swardmap.models.spec import UNFAMILIAR, NetworkSpec
 from swardmap.train.export import INPUT, open_session, read_spec, write_model
 from swardmap.train.familiar_nodes import (

@@ -18,7 +18,7 @@ from swardmap.errors import ConfigError
 from swardmap.io.staging import sweep_inside
 from swardmap.labels import VOID_ID, LabelSet, Role
 from swardmap.models import bundled_network
-from swardmap.models.onnx import decide, preprocess
+from swardmap.models.network_io import decide, preprocess
 from swardmap.train.build import build_network, network_spec
 from swardmap.train.checkpoint import Run, begin_from, make_folder, restore, save_progress, save_start
 from swardmap.train.data import Codes, PhotoSet, draw_batch, load_photos, make_codes
