@@ -28,7 +28,8 @@ from swardmap.pipeline import configured_mount
 from swardmap.teach.labels import DrivenGround, label_frame
 from swardmap.teach.learn import read_network
 from swardmap.teach.plan import LabelConfig, LearnConfig, TeachPlan, circle
-from swardmap.teach.run import Task, learn
+from swardmap.teach.run import learn
+from swardmap.teach.task import Task
 from swardmap.teach.views import Heights, heights_of
 from swardmap.teach.write import Written, _count, _write, write_facts
 from swardmap.types import Frame, Segmentation

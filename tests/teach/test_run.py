@@ -18,8 +18,9 @@ from swardmap.teach.gate import Row, Verdict, judge
 from swardmap.teach.learn import teach_recipe
 from swardmap.teach.page import warnings
 from swardmap.teach.plan import LearnConfig, TeachPlan, circle
-from swardmap.teach.run import Task, _learn_twice, label
+from swardmap.teach.run import _learn_twice, label
 from swardmap.teach.safety import SafetyFrame
+from swardmap.teach.task import Task
 from swardmap.teach.write import Written
 from swardmap.train.recipe import NetworkConfig
 from tests.teach.scenes import lane

@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from swardmap.mapping.work_area import WorkArea
     from swardmap.teach.gate import Verdict
     from swardmap.teach.plan import TeachPlan
-    from swardmap.teach.run import Labelled, Task
+    from swardmap.teach.run import Labelled
+    from swardmap.teach.task import Task
 
 EXAMPLES = """\b
 Examples:
@@ -79,7 +80,8 @@ def teach_command(
     chosen = settings(config, list(set_ or []))
     from swardmap.io import is_live, open_source
     from swardmap.io.maps.area_files import read_area
-    from swardmap.teach.run import Task, label, learn
+    from swardmap.teach.run import label, learn
+    from swardmap.teach.task import Task
 
     if out.suffix != ".onnx":
         raise typer.BadParameter(f"--out: expected a file such as my-lawn.onnx, got {out}")

@@ -1,25 +1,22 @@
 """`swardmap teach` from end to end: labels and a page; and where that is wished, learning, gate, file."""
 
 import hashlib
-import shutil
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from swardmap import __version__
-from swardmap.config import Config, config_to_dict
-from swardmap.errors import ConfigError, ModelError, OutputError
-from swardmap.io import FrameSource
+from swardmap.errors import ConfigError
 from swardmap.io.door import read_json
 from swardmap.io.files import output_error, read_bytes, write_text
-from swardmap.mapping.work_area import WorkArea
-from swardmap.models import build_segmenter, bundled_network
+from swardmap.models import build_segmenter
 from swardmap.models.spec import NetworkSpec
-from swardmap.teach.again import AGAIN, SAID_AGAIN, label_again, second_recipe
+from swardmap.teach.again import AGAIN, label_again, second_recipe
 from swardmap.teach.drive import read_drive
 from swardmap.teach.gate import Verdict, judge, measure
+from swardmap.teach.kept import FACTS, RUN, clear, forget_other_runs, labels_digest
 from swardmap.teach.learn import (
     START_SHARES,
     Report,
@@ -35,12 +32,9 @@ from swardmap.teach.learn import (
     tell,
 )
 from swardmap.teach.page import JudgedDrive, teach_page, warnings
-from swardmap.teach.plan import TeachPlan
+from swardmap.teach.task import Task
 from swardmap.teach.write import (
     HELD,
-    LEARN,
-    OPEN,
-    SAID,
     Written,
     doubt_of,
     ground_of,
@@ -49,66 +43,7 @@ from swardmap.teach.write import (
 )
 from swardmap.train.recipe import Recipe
 
-FACTS, PAGE, GATE = "labels.json", "page.html", "gate.json"
-RUN = "run"
-
-
-@dataclass(frozen=True, eq=False)
-class Task:
-    """What is taught.
-
-    Attributes:
-        sources: the recordings.
-        files: where each of them lies, in the same order.
-        out: the network file.
-        start: the network it begins from; None = the package's.
-        config: mount, ranges, ground, work area.
-        plan: footprint, spans, limits, learning.
-        area: work area, or None.
-        unwanted: areas that nothing is learnt in.
-        replay: recordings with true labels to replay.
-        command: that goes on after a look at the page.
-        replace: whether a network that other drives or settings taught may be written over.
-    """
-
-    sources: Sequence[FrameSource]
-    files: Sequence[Path]
-    out: Path
-    config: Config
-    plan: TeachPlan
-    start: Path | None = None
-    area: WorkArea | None = None
-    unwanted: tuple[WorkArea, ...] = ()
-    replay: tuple[Path, ...] = ()
-    command: str = ""
-    replace: bool = False
-
-    @property
-    def folder(self) -> Path:
-        """Where labels, page and checkpoints are kept."""
-        return self.out.with_suffix(".teach")
-
-    @property
-    def start_file(self) -> Path:
-        """The network it begins from.
-
-        Raises:
-            ModelError: if this package holds none, and none was named.
-        """
-        found = self.start or bundled_network()
-        if found is None:
-            raise ModelError("this package holds no network to begin from; name one with --start")
-        if _same_file(found, self.out):
-            raise ConfigError(
-                f"{self.out}: the new network must not replace the one it begins from; name another file"
-            )
-        return found
-
-    @property
-    def names(self) -> list[str]:
-        """Of the drives, each once: two recordings may have the same."""
-        given = [s.name for s in self.sources]
-        return [n if given.count(n) == 1 else f"{n} ({i})" for i, n in enumerate(given, 1)]
+PAGE, GATE = "page.html", "gate.json"
 
 
 @dataclass(frozen=True)
@@ -130,7 +65,7 @@ def label(task: Task, on_frames: OnFrames) -> Labelled:
         InputError: for a recording that cannot be learnt from.
         OutputError: if the folder cannot be written.
     """
-    facts_file, digest = task.folder / FACTS, _digest(task)
+    facts_file, digest = task.folder / FACTS, labels_digest(task)
     if facts_file.is_file():
         facts = read_json(facts_file, {"digest": str})
         if facts.get("digest") == digest:
@@ -140,7 +75,7 @@ def label(task: Task, on_frames: OnFrames) -> Labelled:
             f"{task.out} is there already, not taught by these drives with these settings; "
             "name another file, or add --replace"
         )
-    _clear(task.folder)
+    clear(task.folder)
     judged, written = _write_drives(task, on_frames)
     told = warnings(judged, written)
     write_text(task.folder / PAGE, teach_page(judged, written, task.command))
@@ -205,7 +140,7 @@ def learn(task: Task, device: str, threads: int, report: Report) -> Verdict:
     recipe = teach_recipe(
         task.out.stem, start.absolute(), spec.licence, task.plan.learn, task.replay, precision, weight
     )
-    _forget_other_runs(folder, recipe.digest)
+    forget_other_runs(folder, recipe.digest)
     learnt = _learn_twice(task, recipe, report, device, threads)
     old = measure(start, folder / HELD)
     verdict, candidate = None, folder / "candidate.onnx"
@@ -261,58 +196,3 @@ def _taught(task: Task, spec: NetworkSpec, share: float, verdict: Verdict, secon
         "steps": task.plan.learn.total_steps,
         **verdict.to_dict(),
     }
-
-
-def _digest(task: Task) -> str:
-    """Of everything that shapes the labels: the same again need not be made again.
-
-    Recordings count by where they lie and when they were written: many a drive is called the same.
-    """
-    plan, config = task.plan, config_to_dict(task.config)
-    areas = [
-        [ring.tolist() for p in a.polygons for ring in p.rings] for a in (task.area, *task.unwanted) if a
-    ]
-    said = [
-        [mark for file in task.files for mark in _marks(file)],
-        hashlib.sha256(read_bytes(task.start_file)).hexdigest(),
-        plan.footprint_m.tolist(),
-        plan.leave_out_s,
-        asdict(plan.labels),
-        areas,
-        {k: config[k] for k in ("source", "mount", "cloud", "grid", "geometry")},
-    ]
-    return hashlib.sha256(repr(said).encode()).hexdigest()[:16]
-
-
-def _marks(recording: Path) -> list[tuple[str, int, int]]:
-    """Name, size and time of change of each file of a recording."""
-    if not recording.exists():
-        return [(str(recording), 0, 0)]  # made by its name, as analytic: is
-    inside = [p for p in recording.rglob("*") if p.is_file()] if recording.is_dir() else [recording]
-    stats = [(p, p.stat()) for p in sorted(inside)]
-    return [(str(p.absolute()), s.st_size, s.st_mtime_ns) for p, s in stats]
-
-
-def _same_file(one: Path, two: Path) -> bool:
-    """Whether two names, of which the second need not be there, lead to one file."""
-    return one.resolve() == two.resolve() or (one.exists() and two.exists() and one.samefile(two))
-
-
-def _clear(folder: Path) -> None:
-    """Make the folder, without the labels and checkpoints of other settings."""
-    try:
-        for part in (LEARN, HELD, SAID, OPEN, SAID_AGAIN, RUN):
-            shutil.rmtree(folder / part, ignore_errors=True)
-        (folder / FACTS).unlink(missing_ok=True)
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"cannot make the folder {folder}: {error.strerror}") from error
-
-
-def _forget_other_runs(folder: Path, digest: str) -> None:
-    """Checkpoints of another recipe over these labels are no use: begin anew."""
-    mark = folder / RUN / "recipe.txt"
-    if (folder / RUN).exists() and (not mark.is_file() or mark.read_text(encoding="utf-8") != digest):
-        shutil.rmtree(folder / RUN)
-    mark.parent.mkdir(parents=True, exist_ok=True)
-    write_text(mark, digest)
