@@ -12,6 +12,7 @@ P(not grass) and P(person) mean what they say.
 import argparse
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -103,6 +104,7 @@ def main() -> None:
     parser.add_argument(
         "--bias", default="0", help="also with these added to the logit of grass, with commas"
     )
+    parser.add_argument("--person-bias", default="0", help="and each with these, added to that of persons")
     parser.add_argument(
         "--by-robot", action="store_true", help="reliability of P(not grass) and P(person) by camera"
     )
@@ -113,7 +115,8 @@ def main() -> None:
     if None in paths:
         raise SystemExit("this package holds no network")
     segmenters = [OnnxSegmenter(path) for path in paths if path is not None]
-    biases = [float(b) for b in arguments.bias.split(",")]
+    grass, persons = ([float(b) for b in text.split(",")] for text in (arguments.bias, arguments.person_bias))
+    biases = list(product(grass, persons))
     if arguments.by_robot:
         show_by_robot(arguments.networks, segmenters, arguments.data)
         return
@@ -130,11 +133,12 @@ def main() -> None:
             print(f"{evaluation.name}: left out, {error}")
             continue
         for name, segmenter in zip(arguments.networks, segmenters, strict=True):
-            for bias, score in zip(biases, scores(segmenter, photos, biases), strict=True):
+            for (bias, of_person), score in zip(biases, scores(segmenter, photos, biases), strict=True):
                 figures = (score.figures()[key] for key in COLUMNS)
                 shown = " | ".join("-" if v is None else f"{100 * v:.1f}" for v in figures)
+                moved = f"{bias:g}" + (f", person {of_person:g}" if of_person else "")
                 print(
-                    f"{evaluation.name} | {len(photos)} | {Path(name).stem} | {bias:g} | {shown}", flush=True
+                    f"{evaluation.name} | {len(photos)} | {Path(name).stem} | {moved} | {shown}", flush=True
                 )
 
 
@@ -150,14 +154,17 @@ def read_set(evaluation: EvaluationSet, root: Path) -> list[Photo]:
     return [replace(p, image=evaluation.camera(p.image)) for p in photos]
 
 
-def scores(segmenter: OnnxSegmenter, photos: Sequence[Photo], biases: Sequence[float]) -> list[Score]:
-    """One score for each bias."""
+def scores(
+    segmenter: OnnxSegmenter, photos: Sequence[Photo], biases: Sequence[tuple[float, float]]
+) -> list[Score]:
+    """One score for each bias of grass and persons."""
     spec = segmenter.spec
     found = [Score.empty(spec.channel_ids, spec.label_set) for _ in biases]
     for photo, logits in each_logits(segmenter, photos):
-        for index, bias in enumerate(biases):
+        for index, both in enumerate(biases):
             shifted = logits.copy()
-            shifted[:, spec.channel_ids.index(1)] += np.float32(bias)
+            for class_id, bias in enumerate(both, 1):
+                shifted[:, spec.channel_ids.index(class_id)] += np.float32(bias)
             mask = Segmentation(decide(shifted, spec)[0], spec.label_set)
             found[index] = found[index].plus(photo.codes, mask.resized_to(*photo.codes.shape).labels)
     return found

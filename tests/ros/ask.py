@@ -11,7 +11,7 @@ from typing import Any
 import rclpy
 from lifecycle_msgs.srv import ChangeState, GetState
 from rcl_interfaces.srv import GetParameters, SetParameters
-from rclpy.parameter import Parameter
+from rclpy.parameter import Parameter, parameter_value_to_python
 from std_srvs.srv import SetBool, Trigger
 
 
@@ -49,7 +49,7 @@ def answer(node: Any, words: list[Any]) -> Any:
         return [said.successful, said.reason]
     if what == "get":
         said = ask(node, GetParameters, "get_parameters", GetParameters.Request(names=[rest[0]]))
-        return said.values[0].double_value
+        return parameter_value_to_python(said.values[0])
     if what == "nodes":
         return nodes(node, *rest)
     if what == "topics":
