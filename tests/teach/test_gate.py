@@ -88,6 +88,19 @@ def test_a_rise_in_every_garden_is_refused_within_the_interval_too() -> None:
     assert judge(new, old).passes
 
 
+def test_who_is_surer_of_what_stands_on_the_drive_is_refused_however_few_its_frames() -> None:
+    """A taught network freed 8 % of the obstacle cells; the gate saw 7 become 22 %, of at most 92."""
+    old, new, little = Counts(), Counts(), Counts()
+    for place, of, before, after, nearly in (("a", 1200, 160, 300, 160), ("b", 1146, 0, 220, 40)):
+        old.add("held_stands_clears", place, before, of)
+        new.add("held_stands_clears", place, after, of)
+        little.add("held_stands_clears", place, nearly, of)
+    (reason,) = judge(old, new).reasons
+    assert "what stands on your drive surely grass rise from" in reason
+    assert judge(old, little).passes
+    assert judge(new, old).passes
+
+
 def test_a_network_that_knows_less_of_the_lawn_is_refused() -> None:
     less = "of the driven ground than before: 100.0% before, 77.8% now"
     verdict = judge(counts_of(), counts_of(driven_missed=2))

@@ -33,6 +33,8 @@ HELD_GROUP = 4
 """Frames of the drive that follow each other count as one case."""
 WITHOUT_INTERVAL = 0.01
 """By which a share may rise where there are too few cases for an interval."""
+RISE_ON_DRIVE = 0.02
+"""By which one of what stands on the drive may: it is of one place, whose interval may reach to 92 %."""
 LEAST_RISE = 0.002
 """A share that rises less, however surely, is no reason to refuse."""
 LEAST_LOST = 0.01
@@ -55,6 +57,7 @@ DANGEROUS = {
     "held_stands_called_grass": "pixels of what stands on your drive called grass",
     "held_stands_clears": "pixels of what stands on your drive surely grass",
 }
+ON_DRIVE = frozenset({"held_stands_called_grass", "held_stands_clears"})
 USEFUL = {
     "held_driven_called_grass": "pixels of the driven ground called grass, part held out",
     "held_driven_clears": "pixels of the driven ground surely grass, part held out",
@@ -245,6 +248,8 @@ def _row(figure: str, old: Counts, new: Counts, dangerous: bool) -> Row:
     if dangerous and share is not None:
         interval = share_interval(hits, of)
         limit = share + WITHOUT_INTERVAL if interval is None else interval.high
+        if figure in ON_DRIVE:
+            limit = min(limit, share + RISE_ON_DRIVE)
         rise = sure_rise(hits, new.cases(figure)[0], of)
     return Row(figure, share, new.share(figure), limit, sum(of), rise)
 
