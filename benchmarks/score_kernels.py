@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import onnxruntime
+from numpy.typing import NDArray
 
 from swardmap.io.images import read_color
 from swardmap.models import bundled_network
@@ -47,7 +48,7 @@ def main() -> None:
         raise SystemExit("this package holds no network")
     spec = read_spec(path)
     photos = [read_color(p) for p in sorted(arguments.images.iterdir())[: arguments.count]]
-    said = []
+    said: list[NDArray[np.float32]] = []
     print("| kernels | mean difference of logits | 99 % below | pixels of another class % | ms of a core |")
     print("|---|---:|---:|---:|---:|")
     for kind in KINDS:
