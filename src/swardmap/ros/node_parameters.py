@@ -43,12 +43,17 @@ class NodeParameters:
         """Set the smaller network in place of `auto` for a rig that asks too much of the cores.
 
         The parameter `segmenter.name` tells it from then on.
+
+        Raises:
+            ConfigError: if the other parameters do not allow it.
         """
         from rclpy.parameter import Parameter
 
         name, why = network_of_rig(self.now.config.segmenter, rig, usable_cores())
         if why:
-            self._node.set_parameters_atomically([Parameter("segmenter.name", value=name)])
+            result = self._node.set_parameters_atomically([Parameter("segmenter.name", value=name)])
+            if not result.successful:
+                raise ConfigError(f"segmenter.name: {result.reason}")
             self._node.get_logger().info(why)
 
     def take_margin(self) -> None:
