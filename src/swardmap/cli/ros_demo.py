@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from swardmap.config import Config
 from swardmap.errors import InputError, SwardmapError
+from swardmap.runs.interrupts import interrupts_wait
 
 if TYPE_CHECKING:
     from swardmap.ros.parameters import Parameters
@@ -48,7 +49,8 @@ def run_demo(config: Config, arguments: Sequence[str], garden: str, rounds: int 
     mower = multiprocessing.get_context("spawn").Process(
         target=_drive, args=(kind, both, rounds, pace), daemon=True
     )
-    mower.start()
+    with interrupts_wait():  # the mower ends with the node
+        mower.start()
     try:
         run_node(parameters, both, mower.is_alive)
     finally:

@@ -11,11 +11,12 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from multiprocessing import get_context
 from typing import Any, TypeVar
 
 from swardmap.errors import OutputError, SwardmapError
+from swardmap.runs.interrupts import interrupts_wait
 
 Part = TypeVar("Part")
 Result = TypeVar("Result")
@@ -78,13 +79,14 @@ def _in_processes(
     work: Work[Part, Result], parts: Sequence[Part], workers: int, on_tick: Tick
 ) -> Iterator[tuple[Part, Result]]:
     context = get_context("spawn")
-    ticks, stop = context.Queue(), context.Event()
+    with interrupts_wait():  # the first of them starts the process that keeps account of them
+        ticks, stop = context.Queue(), context.Event()
     waiting, running = iter(parts), dict[Future[Result], Part]()
     pool = ProcessPoolExecutor(workers, context, _start_worker, (os.getpid(), ticks, stop))
     try:
         while True:
             while len(running) < IN_FLIGHT * workers and (part := next(waiting, None)) is not None:
-                with _deaf_to_interrupts():
+                with interrupts_wait():
                     running[pool.submit(_in_worker, work, part)] = part
             if not running:
                 break
@@ -117,16 +119,6 @@ def _end(pool: ProcessPoolExecutor) -> None:
                 getattr(worker, end)()
     for worker in workers:
         worker.join(END_S)
-
-
-@contextmanager
-def _deaf_to_interrupts() -> Iterator[None]:
-    """A process that is started inherits that Ctrl-C waits: it must not die of it, noisily."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _result(future: "Future[Result]") -> Result:
