@@ -35,5 +35,5 @@ release() {
     --blend "$root/runs/lawn-robots-shade/start.pt" --blend-share 0.5 "${@:3}"
 }
 release 512 384 -o "$root/lawn-released.onnx"
-release 384 288 -o "$root/lawn-small.onnx" --no-familiar
+release 384 288 -o "$root/lawn-small.onnx"
 python "$here/benchmarks/score_networks.py" "$root/start.onnx" "$root/lawn-robots.onnx" "$root/lawn-released.onnx" "$root/lawn-small.onnx" --data "$root"

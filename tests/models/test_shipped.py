@@ -3,13 +3,16 @@
 import os
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
+import swardmap
 from swardmap.config import SegmenterConfig
+from swardmap.io import open_source
 from swardmap.labels import GRASS, GRASS_OBSTACLE_PERSON, OTHER
 from swardmap.models import build_segmenter, bundled_network
 from swardmap.models.onnx import OnnxSegmenter
@@ -19,6 +22,7 @@ from swardmap.train.recipe import recipe_from_dict
 from swardmap.types import Frame
 
 DATA = Path(os.environ.get("SWARDMAP_DATA", "/nowhere"))
+DEMO = Path(swardmap.__file__).parent / "data" / "demo"
 MakeFrame = Callable[..., Frame]
 
 
@@ -104,3 +108,14 @@ def test_the_small_one_is_the_same_network_with_a_smaller_input(
     frame = lawn_frame(480, 640)
     here, there = (s(frame).resized_to(480, 640).labels for s in (small, shipped))
     assert (here == there).mean() > 0.9
+
+
+@pytest.mark.parametrize("name", ["auto", "small"])
+def test_a_covered_lens_is_unfamiliar_and_the_demo_is_not(name: str, lawn_frame: MakeFrame) -> None:
+    segmenter = build_segmenter(SegmenterConfig(name=name))
+    for frame in list(open_source(DEMO))[::3]:
+        assert (segmenter(frame).unfamiliar or 0.0) < 1
+    frame = lawn_frame(480, 640)
+    for level in (0, 40, 120):
+        covered = replace(frame, rgb=np.full((480, 640, 3), level, np.uint8))
+        assert (segmenter(covered).unfamiliar or 0.0) > 1
