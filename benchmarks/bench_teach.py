@@ -210,7 +210,8 @@ def measure(there: Path, start: Path | None) -> dict[str, Figures]:
         result = there / f"evaluated-{name.replace(' ', '-')}"
         if segmenter == str(taught) and not taught.is_file():
             continue
-        if not (result / "results.json").is_file():
+        if _older(result / "results.json", taught if segmenter == str(taught) else other):
+            shutil.rmtree(result, ignore_errors=True)
             options = ["--segmenter", segmenter, "--resolution", "0.05", "--workers", "1"]
             with redirect_stdout(StringIO()):
                 run(["evaluate", str(other), "-o", str(result), *options])
@@ -221,6 +222,11 @@ def measure(there: Path, start: Path | None) -> dict[str, Figures]:
             assert network is not None
             found[name] |= pixels(OnnxSegmenter(network, 1), other)
     return found
+
+
+def _older(result: Path, than: Path) -> bool:
+    """Whether a result is missing, or of an earlier network or film."""
+    return not result.is_file() or result.stat().st_mtime < than.stat().st_mtime
 
 
 def pixels(segmenter: OnnxSegmenter, recording: Path) -> Figures:
