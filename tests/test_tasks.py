@@ -146,7 +146,7 @@ def test_a_lawn_is_taught_as_the_page_says(tmp_path: Path, monkeypatch: pytest.M
     assert done.stdout.splitlines()[-1] == f"when it is right: {next_command}"
     assert (tmp_path / "my-lawn.teach/page.html").stat().st_size > 10_000
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("swardmap.teach.gate.safety_frames", gardens)
+    monkeypatch.setattr("swardmap.teach.faults.safety_frames", gardens)
     monkeypatch.setattr("swardmap.teach.run.judge", lambda old, new: replace(judge(old, new), reasons=()))
     assert run([*shlex.split(next_command)[1:], "--steps", "1", "--device", "cpu", "--threads", "1"]) == 0
     assert (done := run_shown(use, tmp_path)).returncode == 0, done.stderr

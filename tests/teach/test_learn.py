@@ -41,3 +41,14 @@ def test_driven_pixels_weigh_what_they_are_told() -> None:
 def test_half_of_the_views_are_of_the_drive() -> None:
     weights = {d.name: d.weight for d in recipe().data if not d.validation}
     assert weights["drive"] == pytest.approx(sum(weights.values()) / 2)
+
+
+def test_half_of_the_gardens_are_in_the_light_of_the_drive_where_that_is_known() -> None:
+    lit = teach_recipe("my-lawn", Path("lawn.onnx"), "MIT", LearnConfig(), (), "fp32", lit=True)
+    plain = {d.name: d for d in recipe().data if not d.validation}
+    data = {d.name: d for d in lit.data if not d.validation}
+    assert data["gardens"].weight == data["gardens-lit"].weight == plain["gardens"].weight / 2
+    assert (
+        data["gardens"].hold_out == data["gardens-lit"].hold_out
+    )  # none is watched in one light, learnt in the other
+    assert sum(d.weight for d in data.values()) == pytest.approx(sum(d.weight for d in plain.values()))

@@ -208,7 +208,7 @@ def test_a_drive_is_learnt_and_the_figures_travel(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     make_small(monkeypatch, tmp_path)
-    monkeypatch.setattr("swardmap.teach.gate.safety_frames", gardens)
+    monkeypatch.setattr("swardmap.teach.faults.safety_frames", gardens)
     monkeypatch.setattr("swardmap.teach.run.judge", lambda old, new: replace(judge(old, new), reasons=()))
     out = tmp_path / "my-lawn.onnx"
     options = ["--start", str(start), "--steps", "2", "--device", "cpu", "--threads", "1"]

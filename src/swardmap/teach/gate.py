@@ -1,36 +1,20 @@
 """The gate: the old and the new network on what must not get worse, and a verdict that may be no.
 
-Counted per network and garden (of the safety set) or group of frames (of the drive's part held out):
-pixels, and things, that it calls grass, and pixels that it is so sure of that they would clear a cell of
-the map (`grid.clear_below`). A dangerous figure of the new network may not lie above the 95 % interval of
-the old one's; nor may it rise by more than chance in the same gardens, for these differ from each other far
-more than one network from another.
+A dangerous figure of the new network (see `faults`) may not lie above the 95 % interval of the old one's;
+nor may it rise by more than chance in the same gardens, for these differ from each other far more than one
+network from another. In the drive's light the old one may have been blind to the lawn, and so to all its
+faults: there the new one may have as many as the old one has in the light that it knows.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from swardmap.config import GridConfig
 from swardmap.eval.intervals import share_interval
-from swardmap.eval.things import HEIGHTS_M
-from swardmap.io.images import read_color, read_mask
-from swardmap.io.sources.truth import FIRST_AREA
-from swardmap.labels import GRASS, OTHER, PERSON, MapClass
-from swardmap.models.network_io import segmentation_of
-from swardmap.models.onnx import OnnxSegmenter
-from swardmap.teach.safety import SafetyFrame, safety_frames
+from swardmap.teach.faults import LIT, Counts
 
-FEWEST_PIXELS = 20
-"""Of a thing, to count."""
-GONE_SHARE = 0.5
-"""A thing of which more than this is called grass is overlooked."""
-HELD_GROUP = 4
-"""Frames of the drive that follow each other count as one case."""
 WITHOUT_INTERVAL = 0.01
 """By which a share may rise where there are too few cases for an interval."""
 RISE_ON_DRIVE = 0.02
@@ -40,20 +24,21 @@ LEAST_RISE = 0.002
 LEAST_LOST = 0.01
 """Of the driven ground: a network that knows so much less of it has learnt nothing."""
 
-CLEARS_255 = 255 * GridConfig().clear_below
-"""P(obstacle or person) in 255ths up to which a pixel that is called grass helps to clear a cell."""
-
-DANGEROUS = {
+PIXELS = {
     "obstacle_called_grass": "obstacle pixels called grass",
     "obstacle_clears": "obstacle pixels surely grass: they clear",
     "person_called_grass": "person pixels called grass",
     "person_clears": "person pixels surely grass",
     "bare_called_grass": "pixels of paths and beds called grass",
     "bare_clears": "pixels of paths and beds surely grass",
+}
+DANGEROUS = {
+    **PIXELS,
     "things_5-20 cm": "things of 5-20 cm overlooked",
     "things_20-50 cm": "things of 20-50 cm overlooked",
     "things_over 50 cm": "things over 50 cm overlooked",
     "persons": "persons overlooked",
+    **{f"{LIT}{figure}": f"in your light: {what}" for figure, what in PIXELS.items()},
     "held_stands_called_grass": "pixels of what stands on your drive called grass",
     "held_stands_clears": "pixels of what stands on your drive surely grass",
 }
@@ -63,59 +48,13 @@ USEFUL = {
     "held_driven_clears": "pixels of the driven ground surely grass, part held out",
     "grass_called_grass": "pixels of lawn called grass, gardens",
     "grass_clears": "pixels of lawn surely grass, gardens",
+    f"{LIT}grass_called_grass": "in your light: pixels of lawn called grass",
+    f"{LIT}grass_clears": "in your light: pixels of lawn surely grass",
 }
 KNOWN_LESS = {
     "held_driven_called_grass": "it knows less of the driven ground than before",
     "held_driven_clears": "it is sure of less of the driven ground than before",
 }
-PIXEL_FIGURES = {"obstacle": OTHER.id, "person": PERSON.id, "grass": GRASS.id}
-Key = tuple[str, str]
-
-
-Bools = NDArray[np.bool_]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Said:
-    """What a network says of the pixels of a frame.
-
-    Attributes:
-        grass: (H, W) bool that it calls grass.
-        clears: (H, W) bool of these, where it is sure enough to clear a cell.
-    """
-
-    grass: Bools
-    clears: Bools
-
-    @property
-    def named(self) -> tuple[tuple[str, Bools], ...]:
-        """Both, by the ends of the figures' names."""
-        return ("called_grass", self.grass), ("clears", self.clears)
-
-
-@dataclass(eq=False)
-class Counts:
-    """Hits and cases of each figure by garden or group; what a network is judged by."""
-
-    hits: dict[Key, int] = field(default_factory=dict)
-    of: dict[Key, int] = field(default_factory=dict)
-
-    def add(self, figure: str, unit: str, hits: int, of: int) -> None:
-        """Count cases of a garden or group."""
-        if of:
-            key = (figure, unit)
-            self.hits[key] = self.hits.get(key, 0) + int(hits)
-            self.of[key] = self.of.get(key, 0) + int(of)
-
-    def cases(self, figure: str) -> tuple[list[int], list[int]]:
-        """Hits and cases of a figure, one a unit."""
-        keys = sorted(k for k in self.of if k[0] == figure)
-        return [self.hits[k] for k in keys], [self.of[k] for k in keys]
-
-    def share(self, figure: str) -> float | None:
-        """Of all cases; None without any."""
-        hits, of = self.cases(figure)
-        return sum(hits) / sum(of) if of else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,65 +109,6 @@ class Verdict:
         return {"figures": rows, "refused_for": list(self.reasons)}
 
 
-def measure(
-    network: Path, held: Path, frames: Iterable[SafetyFrame] | None = None, threads: int = 0
-) -> Counts:
-    """Count a network's faults on the safety set, and on the part of the drive that was held out.
-
-    Args:
-        network: .onnx file.
-        held: folder with images and labels of that part.
-        frames: of the safety set; None = the one in the package.
-        threads: of the network.
-    """
-    segmenter, counts = OnnxSegmenter(network, threads), Counts()
-    for frame in safety_frames() if frames is None else frames:
-        count_frame(counts, frame, _said(segmenter, frame.rgb))
-    for number, image in enumerate(sorted((held / "images").glob("*.jpg"))):
-        labels = read_mask(held / "labels" / f"{image.stem}.png")
-        count_held(counts, f"{number // HELD_GROUP}", labels, _said(segmenter, read_color(image)))
-    return counts
-
-
-def count_frame(counts: Counts, frame: SafetyFrame, said: Said) -> None:
-    """Count one frame of the safety set.
-
-    Args:
-        counts: is added to.
-        frame: with its truth.
-        said: by the network.
-    """
-    unit = frame.garden
-    masks = {name: frame.labels == class_id for name, class_id in PIXEL_FIGURES.items()}
-    masks["bare"] = (frame.instances >= FIRST_AREA) & masks["obstacle"]
-    _count_pixels(counts, unit, masks, said)
-    pixels = np.bincount(frame.instances.ravel(), minlength=FIRST_AREA)
-    called = np.bincount(frame.instances.ravel(), weights=said.grass.ravel(), minlength=FIRST_AREA)
-    persons = np.bincount(
-        frame.instances.ravel(), weights=(frame.labels == PERSON.id).ravel(), minlength=FIRST_AREA
-    )
-    lawn = np.bincount(
-        frame.instances.ravel(), weights=(frame.labels == GRASS.id).ravel(), minlength=FIRST_AREA
-    )
-    for key, (_, height_m) in frame.things.items():
-        if key >= FIRST_AREA or pixels[key] < FEWEST_PIXELS or lawn[key] > 0.5 * pixels[key]:
-            continue
-        name = "persons" if persons[key] > 0 else f"things_{_height_class(height_m)}"
-        counts.add(name, unit, int(called[key] > GONE_SHARE * pixels[key]), 1)
-
-
-def count_held(counts: Counts, unit: str, labels: NDArray[np.uint8], said: Said) -> None:
-    """Count one frame of the part of the drive that was held out."""
-    stands = (labels == OTHER.id) | (labels == PERSON.id)
-    _count_pixels(counts, unit, {"held_driven": labels == GRASS.id, "held_stands": stands}, said)
-
-
-def _count_pixels(counts: Counts, unit: str, masks: Mapping[str, Bools], said: Said) -> None:
-    for name, there in masks.items():
-        for end, hit in said.named:
-            counts.add(f"{name}_{end}", unit, int((hit & there).sum()), int(there.sum()))
-
-
 def judge(old: Counts, new: Counts) -> Verdict:
     """Hold the new network against the old one."""
     rows = [_row(figure, old, new, True) for figure in DANGEROUS]
@@ -246,12 +126,20 @@ def _row(figure: str, old: Counts, new: Counts, dangerous: bool) -> Row:
     share = old.share(figure)
     limit = rise = None
     if dangerous and share is not None:
-        interval = share_interval(hits, of)
-        limit = share + WITHOUT_INTERVAL if interval is None else interval.high
+        limit, rise = _limit(hits, of), sure_rise(hits, new.cases(figure)[0], of)
         if figure in ON_DRIVE:
             limit = min(limit, share + RISE_ON_DRIVE)
-        rise = sure_rise(hits, new.cases(figure)[0], of)
+        elif figure.startswith(LIT):
+            known = old.share(figure.removeprefix(LIT)) or 0.0
+            limit = max(limit, known)
+            rise = None if (new.share(figure) or 0.0) <= known else rise
     return Row(figure, share, new.share(figure), limit, sum(of), rise)
+
+
+def _limit(hits: Sequence[int], of: Sequence[int]) -> float:
+    """Upper end of the 95 % interval of a share."""
+    interval = share_interval(hits, of)
+    return sum(hits) / sum(of) + WITHOUT_INTERVAL if interval is None else interval.high
 
 
 def sure_rise(
@@ -293,13 +181,3 @@ def table(rows: Sequence[Row] | Mapping[str, Any]) -> list[str]:
         limit = "" if row.limit is None else f"  (at most {row.limit:.2%})"
         lines.append(f"{names.get(row.figure, row.figure):<55} {old:>7} -> {new:>7}{limit}")
     return lines
-
-
-def _height_class(height_m: float) -> str:
-    return next(name for name, upper in HEIGHTS_M.items() if height_m < upper)
-
-
-def _said(segmenter: OnnxSegmenter, rgb: NDArray[np.uint8]) -> Said:
-    found = segmentation_of(segmenter.logits(rgb), segmenter.spec).resized_to(*rgb.shape[:2])
-    grass = found.map_classes == MapClass.GRASS
-    return Said(grass, grass & (found.hazard_255 <= CLEARS_255))

@@ -9,6 +9,7 @@ from swardmap.config import config_to_dict
 from swardmap.errors import OutputError
 from swardmap.io.files import read_bytes, write_text
 from swardmap.teach.again import SAID_AGAIN
+from swardmap.teach.learn import LIT_GARDENS
 from swardmap.teach.task import Task
 from swardmap.teach.write import HELD, LEARN, OPEN, SAID
 
@@ -48,7 +49,7 @@ def _marks(recording: Path) -> list[tuple[str, int, int]]:
 def clear(folder: Path) -> None:
     """Make the folder, without the labels and checkpoints of other settings."""
     try:
-        for part in (LEARN, HELD, SAID, OPEN, SAID_AGAIN, RUN):
+        for part in (LEARN, HELD, SAID, OPEN, SAID_AGAIN, LIT_GARDENS, RUN):
             shutil.rmtree(folder / part, ignore_errors=True)
         (folder / FACTS).unlink(missing_ok=True)
         folder.mkdir(parents=True, exist_ok=True)

@@ -6,10 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swardmap.errors import ConfigError, require
 from swardmap.labels import GRASS_OBSTACLE_PERSON
 from swardmap.models.spec import NetworkSpec
+from swardmap.teach.light import driven_colours, write_lit
 from swardmap.teach.plan import LearnConfig
 from swardmap.teach.safety import FRESH, REPLAY
 from swardmap.teach.write import HELD, LEARN, SAID
@@ -25,9 +27,12 @@ ALL_BLOCKS = 99
 DEMO = Path(__file__).parent.parent / "data" / "demo"
 MOST_WEIGHT = 50.0
 """Of a driven pixel: one frame of lawn must not outshout all that was known."""
+LIT_GARDENS = "lit"
+"""Folder: the replayed gardens in the light of the drive."""
 HOLD_OUT = 8
 """Every so many of the gardens are not learnt from."""
 
+Float64 = NDArray[np.float64]
 Report = Callable[[Mapping[str, Any]], None]
 
 
@@ -39,6 +44,7 @@ def teach_recipe(
     more: Sequence[Path],
     precision: str,
     driven_weight: float = 1.0,
+    lit: bool = False,
 ) -> Recipe:
     """What is learnt and how: half the views are of the drive, half of gardens with exact labels.
 
@@ -50,20 +56,27 @@ def teach_recipe(
         more: recordings with true labels to replay beside what is in the package.
         precision: bf16 or fp32.
         driven_weight: of a driven pixel in the loss.
+        lit: whether half of the gardens are in the light of the drive, see `write_lit_gardens`.
     """
     n = learn.replay
-    shares = {"gardens": 0.8 * n, "demo": 0.2 * n} if not more else {"gardens": 0.4 * n, "demo": 0.1 * n}
+    own = n if not more else n / 2
+    gardens = {"gardens": (str(REPLAY), 0.8 * own)}
+    if lit:
+        gardens = {"gardens": (str(REPLAY), 0.4 * own), "gardens-lit": (LIT_GARDENS, 0.4 * own)}
     data = [
         DataConfig(
             name="drive", folder=LEARN, pseudo=SAID, weight=1 - n, person_boost=2,
             free_weight=driven_weight,
         ),
-        DataConfig(
-            name="gardens", folder=str(REPLAY), weight=shares["gardens"], person_boost=3, hold_out=HOLD_OUT,
-            obstacle_weight=learn.known_weight,
+        *(
+            DataConfig(
+                name=name_, folder=folder, weight=weight, person_boost=3, hold_out=HOLD_OUT,
+                obstacle_weight=learn.known_weight,
+            )
+            for name_, (folder, weight) in gardens.items()
         ),
         DataConfig(
-            name="demo", folder=str(DEMO), kind="recording", weight=shares["demo"], person_boost=2,
+            name="demo", folder=str(DEMO), kind="recording", weight=0.2 * own, person_boost=2,
             obstacle_weight=learn.known_weight,
         ),
         *(
@@ -93,6 +106,14 @@ def teach_recipe(
         told,
         str(start),
     )
+
+
+def write_lit_gardens(folder: Path) -> Float64:
+    """Write the replayed gardens in the light of the drive, if that is known; the colours of its ground."""
+    colours = driven_colours(folder / LEARN)
+    if len(colours):
+        write_lit(REPLAY, folder / LIT_GARDENS, colours)
+    return colours
 
 
 def driven_weight(share: float, wanted: float) -> float:

@@ -15,7 +15,8 @@ from swardmap.models import build_segmenter
 from swardmap.models.spec import NetworkSpec
 from swardmap.teach.again import AGAIN, label_again, second_recipe
 from swardmap.teach.drive import read_drive
-from swardmap.teach.gate import Verdict, judge, measure
+from swardmap.teach.faults import measure
+from swardmap.teach.gate import Verdict, judge
 from swardmap.teach.kept import FACTS, RUN, clear, forget_other_runs, labels_digest
 from swardmap.teach.learn import (
     START_SHARES,
@@ -30,6 +31,7 @@ from swardmap.teach.learn import (
     refit_sureness,
     teach_recipe,
     tell,
+    write_lit_gardens,
 )
 from swardmap.teach.page import JudgedDrive, teach_page, warnings
 from swardmap.teach.task import Task
@@ -137,17 +139,19 @@ def learn(task: Task, device: str, threads: int, report: Report) -> Verdict:
     device, precision = device_and_precision(device)
     facts = read_json(folder / FACTS, {"driven_share": float})
     weight = driven_weight(facts["driven_share"], task.plan.learn.driven_share)
+    colours = write_lit_gardens(folder)
     recipe = teach_recipe(
-        task.out.stem, start.absolute(), spec.licence, task.plan.learn, task.replay, precision, weight
-    )
+        task.out.stem, start.absolute(), spec.licence, task.plan.learn, task.replay, precision, weight,
+        lit=len(colours) > 0,
+    )  # fmt: skip
     forget_other_runs(folder, recipe.digest)
     learnt = _learn_twice(task, recipe, report, device, threads)
-    old = measure(start, folder / HELD)
+    old = measure(start, folder / HELD, colours)
     verdict, candidate = None, folder / "candidate.onnx"
     for share in START_SHARES:
         export_candidate(learnt, folder / RUN / "start.pt", folder, candidate, start, spec, share)
         bias = refit_sureness(candidate, start)
-        verdict = judge(old, measure(candidate, folder / HELD))
+        verdict = judge(old, measure(candidate, folder / HELD, colours))
         write_facts(folder / GATE, {"start_share": share, "grass_bias": bias, **verdict.to_dict()})
         if verdict.passes:
             know_images(candidate, start, recipe, folder)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swardmap.labels import GRASS
-from swardmap.teach.gate import CLEARS_255
+from swardmap.teach.faults import CLEARS_255
 from swardmap.train.calibrate import LabelledLogits, fit_temperature, labelled_logits
 from swardmap.train.export import read_spec, shift_grass, with_spec
 from swardmap.train.photos import Photo
