@@ -128,10 +128,10 @@ def test_colours_alone_are_those_of_the_view(grassy: GardenRenderer) -> None:
     [
         (1, range(0, 100, 17)),
         (4, range(3, 100, 17)),
-        pytest.param(1, range(100), marks=pytest.mark.slow),
-        pytest.param(4, range(100), marks=pytest.mark.slow),
+        pytest.param(1, range(0, 100, 2), marks=pytest.mark.slow),
+        pytest.param(4, range(1, 100, 2), marks=pytest.mark.slow),
     ],
-    ids=["1-some", "4-some", "1-all", "4-all"],
+    ids=["1-some", "4-some", "1-many", "4-many"],
 )
 def test_no_sliver_breaks_out(samples: int, views: range, bare: GardenRenderer) -> None:
     """Blades are thinner than pixels: their light and depth stay within what light and ground allow."""
@@ -262,8 +262,8 @@ def test_memory_stays_flat_over_frames_and_gardens(grassy: GardenRenderer) -> No
             grassy.render(garden, plots.light_of(), plots.LENS, pose, k * 100_000_000)
 
     for garden in gardens:
-        run(garden, 30)
+        run(garden, 15)
     before = used_mib()
     for garden in [*gardens, *gardens]:
-        run(garden, 30)
+        run(garden, 15)
     assert used_mib() - before < 30
