@@ -117,9 +117,13 @@ def faster(speeds: list["Speed"]) -> list[str]:
         advice.append(f"faster: {' '.join(settings)} ({gain:.1f} times as fast, while nothing else runs)")
     offered = {s.provider for s in speeds}
     if shutil.which("nvidia-smi") and not any(p.startswith("CUDA") for p in offered):
-        advice.append("perhaps faster: pip install onnxruntime-gpu, which offers CUDAExecutionProvider")
+        advice.append(
+            "perhaps faster: onnxruntime-gpu in place of onnxruntime, which offers CUDAExecutionProvider"
+        )
     elif platform.machine() in ("x86_64", "AMD64") and not any(p.startswith("OpenVINO") for p in offered):
-        advice.append("perhaps faster: pip install onnxruntime-openvino, for OpenVINOExecutionProvider")
+        advice.append(
+            "perhaps faster: onnxruntime-openvino in place of onnxruntime, for OpenVINOExecutionProvider"
+        )
     return [*advice, "less to do: --set source.every=2 maps every second frame"]
 
 

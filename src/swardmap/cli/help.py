@@ -26,7 +26,6 @@ SHORT = {
 SETTING_OF = {
     "segmenter": "segmenter.name",
     "resolution": "grid.resolution_m",
-    "margin": "costmap.margin_m",
     "clouds": "output.clouds",
 }
 """Options that stand for a setting, whose default is theirs."""
@@ -47,12 +46,18 @@ DEFAULT = {
     "masks": "the recording's own",
     "size": "the recipe's",
     "start": "the package's",
-    "steps": "100",
+    "steps": "240, and half as many once more",
     "footprint": "a circle",
+    "margin": "0.10 until one is measured",
+    "provider": "cpu",
 }
 """What happens where such an option is not given; the rest say "none"."""
 
-OF_VERB = {("evaluate", "resolution"): "0.05 and 0.1", ("nav2", "footprint"): "none"}
+OF_VERB = {
+    ("evaluate", "resolution"): "0.05 and 0.1",
+    ("nav2", "footprint"): "none",
+    ("doctor", "segmenter"): "none",
+}
 
 
 def complete(group: Any) -> Any:

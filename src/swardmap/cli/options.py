@@ -34,7 +34,7 @@ Classes = Annotated[
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON, for programs.")]
 Kind = Annotated[str | None, typer.Option("--format", help="Kind of recording, if it is not recognised.")]
 SegmenterName = Annotated[
-    str | None, typer.Option("--segmenter", help="auto, small, colour, truth, or an .onnx file.")
+    str | None, typer.Option("--segmenter", help="auto, large, small, colour, truth, or an .onnx file.")
 ]
 Provider = Annotated[
     str | None,

@@ -11,7 +11,7 @@ from swardmap.cli.options import ConfigFile, Settings, settings
 EXAMPLES = """\b
 Examples:
   swardmap ros --params robot.yaml
-  swardmap ros --set source.odometry_topic=/odometry/global -- -r color/image_raw:=/camera/color/image_raw
+  swardmap ros --set source.odometry_topic=/odom -- -r color/image_raw:=/camera/camera/color/image_raw
   swardmap ros --params robot.yaml -- -r __ns:=/front_mower
   swardmap ros --demo
 """
@@ -41,7 +41,7 @@ def ros_command(
         GardenKind, typer.Option("--garden", help="Of --demo; auto: rendered where there is what draws it.")
     ] = GardenKind.auto,
     rounds: Annotated[
-        int | None, typer.Option("--rounds", min=1, help="Of --demo: end after so many.  [default: none]")
+        int | None, typer.Option("--rounds", min=1, help="Of --demo: end after so many.")
     ] = None,
     pace: Annotated[
         float, typer.Option("--pace", min=0.01, max=100, help="Of --demo: its clock is at most so fast.")

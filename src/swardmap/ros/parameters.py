@@ -213,7 +213,7 @@ REFUSALS: Mapping[str, str] = {
 """Why a section or setting is not changed while the node is configured."""
 
 FREE_IN_LAST_SEEN_MODE = frozenset({"grid.min_points", "grid.min_grass_points", "grid.clear_together"})
-"""Read for each frame; in the mode `evidence` the map is built on them."""
+"""Read for each frame; in the mode `log_odds` the map is built on them."""
 
 
 def refusal(name: str, config: Config) -> str | None:

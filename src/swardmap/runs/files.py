@@ -2,7 +2,7 @@
 
 OUT/map.yaml, map.pgm         the accumulated map (Nav2's map_server reads it)
 OUT/costmap.yaml, costmap.pgm its costmap
-OUT/living.npz                its evidence, where grid.mode is evidence
+OUT/living.npz                its evidence, where grid.mode is log_odds
 OUT/report.html               a page about all of it, to be opened in a browser
 OUT/map.png, costmap.png      pictures of both
 OUT/frames/NAME.png           a picture of each n-th frame
