@@ -16,8 +16,8 @@ from swardmap.io.images import encode_jpeg, read_color, read_mask
 from swardmap.labels import GRASS
 from swardmap.teach.safety import SafetyFrame
 
-FEWEST_PIXELS = 200
-"""Of driven ground or lawn, to say of what colour it is."""
+FEWEST_PIXELS, FEWEST_DRIVEN = 200, 50
+"""Of a garden's lawn, and of driven ground, of which few pixels of each cell are left, to say its colour."""
 MOST_GAIN = 6.0
 """Of a channel of linear light, or of its inverse: beyond it little but noise is seen."""
 
@@ -38,7 +38,7 @@ def driven_colours(folder: Path) -> Float64:
     found = []
     for image in sorted((folder / "images").glob("*.jpg")):
         driven = read_mask(folder / "labels" / f"{image.stem}.png") == GRASS.id
-        if np.count_nonzero(driven) >= FEWEST_PIXELS:
+        if np.count_nonzero(driven) >= FEWEST_DRIVEN:
             found.append(_mean_colour(read_color(image), driven))
     return np.array(found).reshape(-1, 3)
 
