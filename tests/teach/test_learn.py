@@ -44,7 +44,7 @@ def test_half_of_the_views_are_of_the_drive() -> None:
 
 
 def test_half_of_the_gardens_are_in_the_light_of_the_drive_where_that_is_known() -> None:
-    lit = teach_recipe("my-lawn", Path("lawn.onnx"), "MIT", LearnConfig(), (), "fp32", lit=True)
+    lit = teach_recipe("my-lawn", Path("lawn.onnx"), "MIT", LearnConfig(), (), "fp32", in_your_light=True)
     plain = {d.name: d for d in recipe().data if not d.validation}
     data = {d.name: d for d in lit.data if not d.validation}
     assert data["gardens"].weight == data["gardens-lit"].weight == plain["gardens"].weight / 2

@@ -11,7 +11,7 @@ pytest.importorskip("torch")
 from swardmap.teach import sureness
 from swardmap.teach.learn import refit_sureness
 from swardmap.teach.safety import FRESH, REPLAY, SAFETY
-from swardmap.teach.sureness import AS_DARING, STEP, bias_as_daring, daring
+from swardmap.teach.sureness import IN_YOUR_LIGHT, STEP, bias_as_daring, daring
 from swardmap.train.calibrate import LabelledLogits
 
 GRASS = 1
@@ -28,26 +28,36 @@ def logits_of(shift: float = 0.0, better: float = 0.0, n: int = 20_000) -> Label
     return LabelledLogits(logits, truth, np.full(n, 1 / n))
 
 
+def bias_of(
+    old: LabelledLogits, new: LabelledLogits, temperature: float, shares: tuple[float, float] = EQUAL
+) -> float:
+    """Of a network that may be as daring as the old one, or in a share of it."""
+    allowed = np.array(shares) * daring(old, GRASS, temperature, 0.0)
+    return bias_as_daring([(new, allowed)], GRASS, temperature)
+
+
 @pytest.mark.parametrize("shift", [-0.8, 0.0, 1.3])
 def test_what_learning_added_to_grass_is_taken_back(shift: float) -> None:
-    bias = bias_as_daring(logits_of(), logits_of(shift), GRASS, (1.0, 1.0), EQUAL)
-    assert bias == pytest.approx(-shift, abs=STEP)
+    assert bias_of(logits_of(), logits_of(shift), 1.0) == pytest.approx(-shift, abs=STEP)
 
 
 def test_a_better_network_may_say_grass_more_readily_and_is_no_more_daring() -> None:
     old, new = logits_of(), logits_of(better=1.0)
-    bias = bias_as_daring(old, new, GRASS, (1.07, 1.07), EQUAL)
+    bias = bias_of(old, new, 1.07)
     assert bias > 0.3
     allowed = daring(old, GRASS, 1.07, 0.0)
     assert (daring(new, GRASS, 1.07, bias) <= allowed).all()
     assert (daring(new, GRASS, 1.07, bias + 2 * STEP) > allowed).any()
 
 
-def test_less_may_be_wrong_and_sure_than_before() -> None:
-    old, new = logits_of(), logits_of(better=1.0)
-    bias = bias_as_daring(old, new, GRASS, (1.07, 1.07))
-    (_, allowed), (_, found) = daring(old, GRASS, 1.07, 0.0), daring(new, GRASS, 1.07, bias)
-    assert found <= AS_DARING[1] * allowed < allowed
+def test_every_limit_is_held() -> None:
+    old, new, lit = logits_of(), logits_of(better=1.0), logits_of(shift=0.6, better=1.0)
+    allowed = daring(old, GRASS, 1.07, 0.0)
+    limits = [(new, allowed), (lit, np.array(IN_YOUR_LIGHT) * allowed)]
+    bias = bias_as_daring(limits, GRASS, 1.07)
+    assert bias == bias_as_daring(limits[::-1], GRASS, 1.07)
+    assert bias == min(bias_as_daring([one], GRASS, 1.07) for one in limits)
+    assert daring(lit, GRASS, 1.07, bias)[1] <= IN_YOUR_LIGHT[1] * allowed[1] < allowed[1]
 
 
 def test_sure_pixels_are_those_that_would_clear_a_cell() -> None:
@@ -77,13 +87,17 @@ def test_neither_the_drive_nor_gardens_that_were_learnt_say_how_sure_it_may_be(
     nowhere.
     """
     asked: list[dict[str, int]] = []
-    for one in ("set_temperature", "set_bias"):
-        monkeypatch.setattr(
-            sureness, one, lambda _path, _start, held: asked.append({k: len(v) for k, v in held.items()})
-        )
-    refit_sureness(Path("new.onnx"), Path("old.onnx"))
+
+    def note(_path: Path, _start: Path, *held: dict[str, list[object]]) -> None:
+        asked.extend({k: len(v) for k, v in one.items()} for one in held)
+
+    monkeypatch.setattr(sureness, "set_temperature", note)
+    monkeypatch.setattr(sureness, "set_bias", note)
+    refit_sureness(Path("new.onnx"), Path("old.onnx"), np.array([[0.02, 0.09, 0.1]]))
     fresh = {file.read_bytes() for file in (FRESH / "images").iterdir()}
-    assert asked == [{"fresh": len(fresh)}] * 2
+    assert asked == [{"fresh": len(fresh)}, {"fresh": len(fresh)}, {"lit": len(fresh)}]
+    refit_sureness(Path("new.onnx"), Path("old.onnx"), np.zeros((0, 3)))
+    assert asked[3:] == [{"fresh": len(fresh)}, {"fresh": len(fresh)}, {}]  # whose light is not known
     assert len(fresh) >= 40
     for other in (REPLAY, SAFETY):
         assert not fresh & {file.read_bytes() for file in (other / "images").iterdir()}

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swardmap.errors import ConfigError, require
-from swardmap.labels import GRASS_OBSTACLE_PERSON
+from swardmap.labels import GRASS, GRASS_OBSTACLE_PERSON
 from swardmap.models.spec import NetworkSpec
-from swardmap.teach.light import driven_colours, write_lit
+from swardmap.teach.light import driven_colours, lit, write_lit
 from swardmap.teach.plan import LearnConfig
 from swardmap.teach.safety import FRESH, REPLAY
 from swardmap.teach.write import HELD, LEARN, SAID
@@ -44,7 +44,7 @@ def teach_recipe(
     more: Sequence[Path],
     precision: str,
     driven_weight: float = 1.0,
-    lit: bool = False,
+    in_your_light: bool = False,
 ) -> Recipe:
     """What is learnt and how: half the views are of the drive, half of gardens with exact labels.
 
@@ -56,12 +56,12 @@ def teach_recipe(
         more: recordings with true labels to replay beside what is in the package.
         precision: bf16 or fp32.
         driven_weight: of a driven pixel in the loss.
-        lit: whether half of the gardens are in the light of the drive, see `write_lit_gardens`.
+        in_your_light: whether half of the gardens are in the light of the drive, see `write_lit_gardens`.
     """
     n = learn.replay
     own = n if not more else n / 2
     gardens = {"gardens": (str(REPLAY), 0.8 * own)}
-    if lit:
+    if in_your_light:
         gardens = {"gardens": (str(REPLAY), 0.4 * own), "gardens-lit": (LIT_GARDENS, 0.4 * own)}
     data = [
         DataConfig(
@@ -184,12 +184,17 @@ def export_candidate(
     )  # fmt: skip
 
 
-def refit_sureness(path: Path, start: Path) -> float:
+def refit_sureness(path: Path, start: Path, colours: Float64) -> float:
     """Let the new network be as sure, and say grass as readily, as is no more daring than the start.
 
     By gardens with exact labels alone: what stands by the drive's labels may be long grass, and a network
     that knows it for lawn would be made unsure of everything. The gate sees it. And by gardens that are not
     replayed: the network in the package has learnt those, and is seldom wrong in them.
+
+    Args:
+        path: of the new network.
+        start: the file that it began from.
+        colours: (N, 3) of the driven ground, see `driven_colours`; none = its light is not known.
 
     Returns:
         What was added to the bias of grass.
@@ -198,9 +203,12 @@ def refit_sureness(path: Path, start: Path) -> float:
     from swardmap.train.photos import read_photos
 
     fresh = DataConfig(name="fresh", folder=str(FRESH), validation=True)
-    gardens = {fresh.name: read_photos(fresh, 0, NetworkConfig(), Path())}
+    photos = read_photos(fresh, 0, NetworkConfig(), Path())
+    gardens = {fresh.name: photos}
     set_temperature(path, start, gardens)
-    return set_bias(path, start, gardens)
+    images = lit([(photo.image, photo.codes == GRASS.id) for photo in photos], colours)
+    relit = [replace(photo, image=image) for photo, image in zip(photos, images, strict=False)]
+    return set_bias(path, start, gardens, {"lit": relit} if relit else {})
 
 
 def know_images(path: Path, start: Path, recipe: Recipe, folder: Path) -> None:

@@ -48,11 +48,11 @@ def lit(images: Sequence[tuple[Image, Bools]], colours: Float64) -> Iterator[Ima
 
     Args:
         images: (H, W, 3) RGB, and (H, W) what of it is lawn; one with hardly any is lit as the mean of all.
-        colours: (N, 3) linear RGB.
+        colours: (N, 3) linear RGB; without one, or without any lawn, no image comes.
     """
     lawns = [_mean_colour(rgb, lawn) if lawn.sum() >= FEWEST_PIXELS else None for rgb, lawn in images]
     known = [lawn for lawn in lawns if lawn is not None]
-    if not known:
+    if not known or not len(colours):
         return
     usual = np.mean(known, axis=0)
     for number, ((rgb, _), lawn) in enumerate(zip(images, lawns, strict=True)):

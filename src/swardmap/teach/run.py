@@ -142,7 +142,7 @@ def learn(task: Task, device: str, threads: int, report: Report) -> Verdict:
     colours = write_lit_gardens(folder)
     recipe = teach_recipe(
         task.out.stem, start.absolute(), spec.licence, task.plan.learn, task.replay, precision, weight,
-        lit=len(colours) > 0,
+        in_your_light=len(colours) > 0,
     )  # fmt: skip
     forget_other_runs(folder, recipe.digest)
     learnt = _learn_twice(task, recipe, report, device, threads)
@@ -150,7 +150,7 @@ def learn(task: Task, device: str, threads: int, report: Report) -> Verdict:
     verdict, candidate = None, folder / "candidate.onnx"
     for share in START_SHARES:
         export_candidate(learnt, folder / RUN / "start.pt", folder, candidate, start, spec, share)
-        bias = refit_sureness(candidate, start)
+        bias = refit_sureness(candidate, start, colours)
         verdict = judge(old, measure(candidate, folder / HELD, colours))
         write_facts(folder / GATE, {"start_share": share, "grass_bias": bias, **verdict.to_dict()})
         if verdict.passes:

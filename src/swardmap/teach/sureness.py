@@ -1,7 +1,8 @@
 """How sure the new network may be, and how readily it may say grass: no more daringly than the old one.
 
 Learning moves the bias of grass against all else. It is set anew, on gardens that were not learnt from, to
-the largest with which no more of what is no lawn is called grass, nor surely so, than by the old network.
+the largest with which no more of what is no lawn is called grass, nor surely so, than by the old network. In
+the drive's light, in which it will drive, it may be surely wrong in less than the old one is in its own.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,9 +20,9 @@ from swardmap.train.photos import Photo
 MOST_BIAS = 2.0
 """Of the logit of grass, up or down."""
 STEP = 0.05
-AS_DARING = (1.0, 0.7)
-"""Of the old network's wrong grass, and wrong sure grass, that the new one may have: on a lawn that was
-not known nothing was free; now it is, faults among it."""
+AS_DARING, IN_YOUR_LIGHT = (1.0, 1.0), (1.0, 0.7)
+"""Of the old network's wrong grass, and wrong sure grass, that the new one may have: there and in the
+drive's light. On a lawn that was not known nothing was free; now it is, faults among it."""
 
 
 def set_temperature(path: Path, start: Path, held: Mapping[str, Sequence[Photo]]) -> float:
@@ -37,42 +38,49 @@ def set_temperature(path: Path, start: Path, held: Mapping[str, Sequence[Photo]]
     return temperature
 
 
-def set_bias(path: Path, start: Path, held: Mapping[str, Sequence[Photo]]) -> float:
+def set_bias(
+    path: Path,
+    start: Path,
+    held: Mapping[str, Sequence[Photo]],
+    in_your_light: Mapping[str, Sequence[Photo]],
+) -> float:
     """Set the bias of grass in a network file; returns what was added.
 
     Args:
         path: INT8 file, as `export_candidate` writes it.
         start: the file that it began from.
         held: photos that it did not learn from.
+        in_your_light: the same in the light of the drive; none, if that is not known.
     """
-    (old, old_temperature), (new, temperature) = (
-        (labelled_logits(p, held), read_spec(p).temperature) for p in (start, path)
-    )
-    grass = list(read_spec(path).channel_ids).index(GRASS.id)
-    bias = bias_as_daring(old, new, grass, (old_temperature, temperature))
+    spec = read_spec(path)
+    grass = list(spec.channel_ids).index(GRASS.id)
+    allowed = daring(labelled_logits(start, held), grass, read_spec(start).temperature, 0.0)
+    limits = [
+        (labelled_logits(path, held), np.array(AS_DARING if in_your_light else IN_YOUR_LIGHT) * allowed)
+    ]
+    if in_your_light:
+        limits.append((labelled_logits(path, in_your_light), np.array(IN_YOUR_LIGHT) * allowed))
+    bias = bias_as_daring(limits, grass, spec.temperature)
     shift_grass(path, bias)
     return bias
 
 
 def bias_as_daring(
-    old: LabelledLogits,
-    new: LabelledLogits,
-    grass: int,
-    temperatures: tuple[float, float],
-    shares: tuple[float, float] = AS_DARING,
+    limits: Sequence[tuple[LabelledLogits, NDArray[np.float64]]], grass: int, temperature: float
 ) -> float:
-    """The largest bias of grass with which the new network is no more daring than it may be.
+    """The largest bias of grass with which a network is no more daring than it may be.
 
     Args:
-        old: logits of the old network.
-        new: of the new one, of the same pixels.
+        limits: its logits of some pixels, and (2,) what it may wrongly call grass there, and surely so.
         grass: its channel.
-        temperatures: of both.
-        shares: of what the old one wrongly calls grass, and surely so, that the new one may.
+        temperature: by which its probabilities are made.
     """
-    allowed = np.array(shares) * daring(old, grass, temperatures[0], 0.0)
     biases = np.arange(MOST_BIAS, -MOST_BIAS - STEP / 2, -STEP)
-    fits = (float(b) for b in biases if (daring(new, grass, temperatures[1], b) <= allowed).all())
+    fits = (
+        float(bias)
+        for bias in biases
+        if all((daring(found, grass, temperature, bias) <= allowed).all() for found, allowed in limits)
+    )
     return round(next(fits, -MOST_BIAS), 2) + 0.0  # no minus zero
 
 
