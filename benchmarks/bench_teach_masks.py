@@ -69,7 +69,7 @@ def write_fold(chosen: Sequence[Photo], folder: Path, network: OnnxSegmenter) ->
     """Labels of photos as `swardmap teach` keeps them; each fifth is for its gate."""
     rng, limits, driven, pixels = np.random.default_rng(0), LabelConfig(), 0, 0
     for number, (name, rgb, mask) in enumerate(chosen):
-        held = number % 5 == 4
+        held = number % 5 == min(4, len(chosen) - 1)
         lane = lane_of(mask)
         sure = np.where(lane & (rng.random(mask.shape) < SHARE), np.uint8(GRASS.id), np.uint8(VOID_ID))
         open_ground = np.where(lane, np.uint8(SETTLED), np.uint8(UNSEEN))

@@ -1,8 +1,8 @@
 """How sure the new network may be, and how readily it may say grass: no more daringly than the old one.
 
 Learning moves the bias of grass against all else. It is set anew, on gardens that were not learnt from, to
-the largest with which no more of what is no lawn is called grass, nor surely so, than by the old network. In
-the drive's light, in which it will drive, it may be surely wrong in less than the old one is in its own.
+the largest with which no more of what is no lawn is called grass, nor surely so, than by the old network: in
+the light that this one knows, and in the drive's, in which the new one will drive.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,8 +21,9 @@ MOST_BIAS = 2.0
 """Of the logit of grass, up or down."""
 STEP = 0.05
 AS_DARING, IN_YOUR_LIGHT = (1.0, 1.0), (1.0, 0.7)
-"""Of the old network's wrong grass, and wrong sure grass, that the new one may have: there and in the
-drive's light. On a lawn that was not known nothing was free; now it is, faults among it."""
+"""Of the old network's wrong grass, and wrong sure grass, that the new one may have, there and in the drive's
+light; if the old one was more daring in that light, as much as it was. On a lawn that was not known nothing
+was free, and nothing wrong; now some is."""
 
 
 def set_temperature(path: Path, start: Path, held: Mapping[str, Sequence[Photo]]) -> float:
@@ -54,12 +55,19 @@ def set_bias(
     """
     spec = read_spec(path)
     grass = list(spec.channel_ids).index(GRASS.id)
-    allowed = daring(labelled_logits(start, held), grass, read_spec(start).temperature, 0.0)
-    limits = [
-        (labelled_logits(path, held), np.array(AS_DARING if in_your_light else IN_YOUR_LIGHT) * allowed)
-    ]
+
+    def of_old(photos: Mapping[str, Sequence[Photo]]) -> NDArray[np.float64]:
+        return daring(labelled_logits(start, photos), grass, read_spec(start).temperature, 0.0)
+
+    allowed = of_old(held)
     if in_your_light:
-        limits.append((labelled_logits(path, in_your_light), np.array(IN_YOUR_LIGHT) * allowed))
+        there = np.maximum(np.array(IN_YOUR_LIGHT) * allowed, of_old(in_your_light))
+        limits = [
+            (labelled_logits(path, held), np.array(AS_DARING) * allowed),
+            (labelled_logits(path, in_your_light), there),
+        ]
+    else:
+        limits = [(labelled_logits(path, held), np.array(IN_YOUR_LIGHT) * allowed)]
     bias = bias_as_daring(limits, grass, spec.temperature)
     shift_grass(path, bias)
     return bias
