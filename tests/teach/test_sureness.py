@@ -101,3 +101,23 @@ def test_neither_the_drive_nor_gardens_that_were_learnt_say_how_sure_it_may_be(
     assert len(fresh) >= 40
     for other in (REPLAY, SAFETY):
         assert not fresh & {file.read_bytes() for file in (other / "images").iterdir()}
+
+
+@pytest.mark.parametrize(("old_lit", "expected"), [(-9.0, -0.6), (0.6, 0.0), (0.3, -0.3)])
+def test_in_the_drives_light_it_may_be_as_daring_as_the_old_one_was(
+    old_lit: float, expected: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Networks that err alike, whose grass is shifted in that light: the new one's by 0.6."""
+    shifts = {("old", "plain"): 0.0, ("old", "lit"): old_lit, ("new", "plain"): 0.0, ("new", "lit"): 0.6}
+    monkeypatch.setattr(
+        sureness, "labelled_logits", lambda path, sets: logits_of(shifts[path.stem, next(iter(sets))])
+    )
+    monkeypatch.setattr(
+        sureness, "read_spec", lambda _: SimpleNamespace(temperature=1.0, channel_ids=(0, GRASS, 2))
+    )
+    monkeypatch.setattr(sureness, "IN_YOUR_LIGHT", EQUAL)
+    written: list[float] = []
+    monkeypatch.setattr(sureness, "shift_grass", lambda _, bias: written.append(bias))
+    bias = sureness.set_bias(Path("new.onnx"), Path("old.onnx"), {"plain": []}, {"lit": []})
+    assert written == [bias]
+    assert bias == pytest.approx(expected, abs=STEP)
