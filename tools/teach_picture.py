@@ -23,7 +23,7 @@ from swardmap.models.onnx import OnnxSegmenter
 from swardmap.teach.faults import CLEARS_255
 
 COLOURS = {MapClass.GRASS: (60, 190, 60), MapClass.OBSTACLE: (60, 100, 190), MapClass.PERSON: (255, 165, 0)}
-SIZE = (400, 300)
+SIZE = (300, 225)
 
 
 def shown(network: OnnxSegmenter, rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -51,7 +51,7 @@ def main() -> None:
         networks = [OnnxSegmenter(path, 1) for path in (before, Path(folder) / "taught.onnx")]
         row = [rgb, *(shown(network, rgb) for network in networks)]
         rows.append(np.hstack([cv2.resize(p, SIZE, interpolation=cv2.INTER_AREA) for p in row]))
-    write_bytes(Path(out), encode_jpeg(np.asarray(np.vstack(rows), np.uint8)))
+    write_bytes(Path(out), encode_jpeg(np.asarray(np.vstack(rows), np.uint8), 85))
 
 
 if __name__ == "__main__":
