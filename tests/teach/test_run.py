@@ -5,6 +5,7 @@ import shutil
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -104,6 +105,17 @@ def test_a_part_held_out_that_can_measure_nothing_is_told() -> None:
     told = "shows no ground that was driven"
     assert any(told in line for line in warnings([], Written(learn=9, held=4)))
     assert not any(told in line for line in warnings([], Written(learn=9, held=4, held_driven=500)))
+
+
+@pytest.mark.parametrize("trusted", [True, False])
+def test_paths_that_nothing_speaks_against_are_warned_of(trusted: bool) -> None:
+    """A taught network took paths of a campus for lawn, and the gate of rendered gardens let it pass."""
+    one: Any = SimpleNamespace(
+        drive=SimpleNamespace(name="lawn", left_out={}, spec=SimpleNamespace(resolution_m=0.05)),
+        doubt=SimpleNamespace(cells=np.zeros((2, 2), np.bool_), grass_share=0.8),
+        ground=SimpleNamespace(trust_other=trusted),
+    )
+    assert any("a path in view may become lawn" in line for line in warnings([one], Written())) != trusted
 
 
 def test_a_refusal_is_told_and_nothing_is_written(
