@@ -59,26 +59,12 @@ def teach_recipe(
         in_your_light: whether half of the gardens are in the light of the drive, see `write_lit_gardens`.
     """
     n = learn.replay
-    own = n if not more else n / 2
-    gardens = {"gardens": (str(REPLAY), 0.8 * own)}
-    if in_your_light:
-        gardens = {"gardens": (str(REPLAY), 0.4 * own), "gardens-lit": (LIT_GARDENS, 0.4 * own)}
     data = [
         DataConfig(
             name="drive", folder=LEARN, pseudo=SAID, weight=1 - n, person_boost=2,
             free_weight=driven_weight,
         ),
-        *(
-            DataConfig(
-                name=name_, folder=folder, weight=weight, person_boost=3, hold_out=HOLD_OUT,
-                obstacle_weight=learn.known_weight,
-            )
-            for name_, (folder, weight) in gardens.items()
-        ),
-        DataConfig(
-            name="demo", folder=str(DEMO), kind="recording", weight=0.2 * own, person_boost=2,
-            obstacle_weight=learn.known_weight,
-        ),
+        *_own_replay(n if not more else n / 2, learn.known_weight, in_your_light),
         *(
             DataConfig(name=f"more-{i}", folder=str(m.absolute()), kind="recording", weight=n / 2 / len(more))
             for i, m in enumerate(more)
@@ -106,6 +92,23 @@ def teach_recipe(
         told,
         str(start),
     )
+
+
+def _own_replay(share: float, known_weight: float, in_your_light: bool) -> list[DataConfig]:
+    """What the package replays: gardens, perhaps in two lights, and the demo; the share is of all."""
+    gardens = {"gardens": str(REPLAY)} | ({"gardens-lit": LIT_GARDENS} if in_your_light else {})
+    replayed = [
+        DataConfig(
+            name=name, folder=folder, weight=0.8 * share / len(gardens), person_boost=3, hold_out=HOLD_OUT,
+            obstacle_weight=known_weight,
+        )
+        for name, folder in gardens.items()
+    ]  # fmt: skip
+    demo = DataConfig(
+        name="demo", folder=str(DEMO), kind="recording", weight=0.2 * share, person_boost=2,
+        obstacle_weight=known_weight,
+    )  # fmt: skip
+    return [*replayed, demo]
 
 
 def write_lit_gardens(folder: Path) -> Float64:
