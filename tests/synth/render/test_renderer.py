@@ -262,8 +262,8 @@ def test_memory_stays_flat_over_frames_and_gardens(grassy: GardenRenderer) -> No
             grassy.render(garden, plots.light_of(), plots.LENS, pose, k * 100_000_000)
 
     for garden in gardens:
-        run(garden, 15)
+        run(garden, 30)
     before = used_mib()
     for garden in [*gardens, *gardens]:
-        run(garden, 15)
+        run(garden, 30)
     assert used_mib() - before < 30
