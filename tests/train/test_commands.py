@@ -118,6 +118,7 @@ def test_teachers_that_cannot_teach_are_said(unlabelled: Path, tiny_recipe: Make
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)
 def test_two_processes_train_one_network_and_go_on_after_a_kill(
     data_root: Path, tiny_recipe: MakeRecipe, tmp_path: Path
 ) -> None:

@@ -246,6 +246,7 @@ def test_a_missing_driver_names_the_packages() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)
 def test_memory_stays_flat_over_frames_and_gardens(grassy: GardenRenderer) -> None:
     gardens = [
         replace(plots.garden_of(plots.ground_of(plots.bumpy, blade_m=0.05), seed=k), actors=(Slider(),))

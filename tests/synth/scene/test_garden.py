@@ -199,6 +199,7 @@ POSES = {
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)
 def test_everything_that_is_told_of_comes_up_within_sixty_gardens() -> None:
     kinds, poses, surfaces = set[str](), set[str](), set[int]()
     for seed in range(60):
