@@ -2,11 +2,11 @@
 
     python benchmarks/bench_teach_masks.py robot_lawns out/ --group ensta --list dev.txt
 
-A folder with images and labels, as shared photos come. In each photo the lawn within a trapezoid ahead of the
-robot, and no other pixel, is called driven; what is labelled beside it is what the network so far is surely
-right about by itself: "no grass" and persons. Nothing says what stands, for there is no depth. Every second
-photo is learnt from, then the others (`--folds 1`: the first two thirds); those left out are scored by their
-masks, before and after. The gate is that of `swardmap teach`.
+A folder with images and labels, as shared photos come. In each photo the lawn within a trapezoid ahead of
+the robot, and no other pixel, is called driven; what is labelled beside it is what the network so far is sure
+of: persons, and "no grass" where that is surer than it is of nearly all lanes. Nothing says what stands, for
+there is no depth. Every second photo is learnt from, then the others (`--folds 1`: the first two thirds);
+those left out are scored by their masks, before and after. The gate is that of `swardmap teach`.
 """
 
 import argparse
@@ -24,6 +24,7 @@ from swardmap.labels import GRASS, OTHER, PERSON, VOID_ID, MapClass
 from swardmap.models import bundled_network
 from swardmap.models.network_io import segmentation_of
 from swardmap.models.onnx import OnnxSegmenter
+from swardmap.teach.doubt import surer_than
 from swardmap.teach.faults import CLEARS_255
 from swardmap.teach.labels import SETTLED, UNSEEN, said_of
 from swardmap.teach.plan import LabelConfig, TeachPlan, circle
@@ -68,12 +69,15 @@ def lane_of(mask: NDArray[np.uint8]) -> NDArray[np.bool_]:
 def write_fold(chosen: Sequence[Photo], folder: Path, network: OnnxSegmenter) -> None:
     """Labels of photos as `swardmap teach` keeps them; each fifth is for its gate."""
     rng, limits, driven, pixels = np.random.default_rng(0), LabelConfig(), 0, 0
-    for number, (name, rgb, mask) in enumerate(chosen):
+    words = [says(network, rgb) for _, rgb, _ in chosen]
+    hazards = [word.hazard_255[lane_of(mask)] for word, (_, _, mask) in zip(words, chosen, strict=True)]
+    least_other = surer_than(np.concatenate(hazards) / np.float32(255))
+    for number, ((name, rgb, mask), word) in enumerate(zip(chosen, words, strict=True)):
         held = number % 5 == min(4, len(chosen) - 1)
         lane = lane_of(mask)
         sure = np.where(lane & (rng.random(mask.shape) < SHARE), np.uint8(GRASS.id), np.uint8(VOID_ID))
         open_ground = np.where(lane, np.uint8(SETTLED), np.uint8(UNSEEN))
-        said = said_of(open_ground, says(network, rgb), limits, trust_other=False)
+        said = said_of(open_ground, word, limits, least_other)
         parts = {f"{HELD if held else LEARN}/labels": sure}
         if not held:
             parts |= {SAID: said, OPEN: open_ground}

@@ -67,7 +67,7 @@ def write_fold(
             continue
         found: Segmentation = segmenter(frame).resized_to(*frame.depth.shape)
         lane, nothing = lane_of(heights, frame, pose), np.zeros(heights.spec.shape, np.bool_)
-        ground = DrivenGround(heights.spec, lane, nothing, nothing, nothing, trust_other=False)
+        ground = DrivenGround(heights.spec, lane, nothing, nothing, nothing, least_other=float("inf"))
         labels = label_frame(heights, found, ground, limits)
         _count(written, labels, found)
         _write(folder, f"{number:04d}", frame, labels, held=number == len(frames) - 1)

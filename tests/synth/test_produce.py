@@ -16,7 +16,7 @@ from swardmap.io import open_source
 from swardmap.io.maps.map_files import read_map
 from swardmap.io.maps.npz_files import read_npz
 from swardmap.labels import MapClass
-from swardmap.synth.config import MapConfig, OpticsConfig, StereoConfig
+from swardmap.synth.config import MapConfig, OpticsConfig, SceneConfig, StereoConfig
 from swardmap.synth.plan import SynthPlan
 from swardmap.synth.produce import make_source, produce
 from tests.io.contract import check_source
@@ -152,6 +152,18 @@ def test_a_process_that_dies_gives_one_clear_error_and_can_be_resumed(tmp_path: 
     with pytest.raises(OutputError, match=r"a process died.*give the same command again"):
         make(out, jobs=2, stage_of=dying_stage)
     assert make(out)["frames"] == 12
+
+
+def test_a_folder_of_before_a_setting_came_goes_on_where_it_is_at_its_default(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    make(out, replace(PLAN, scenes=1))
+    plan = json.loads((out / "plan.json").read_text())
+    del plan["config"]["scene"]["more"]
+    (out / "plan.json").write_text(json.dumps(plan))
+    assert make(out)["made"] > 0
+    crowded = replace(PLAN, config=replace(PLAN.config, scene=SceneConfig(more="tree=5")))
+    with pytest.raises(OutputError, match=r"config\.scene\.more: '' there, 'tree=5' now"):
+        make(out, crowded)
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,6 @@
 """What a drive labels, held against the truth of the scene: grass is lawn, and nothing else is called so."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ from swardmap.teach.drive import Drive, driven_again
 from swardmap.teach.labels import label_frame
 from swardmap.teach.plan import TeachPlan, circle
 from swardmap.teach.write import doubt_of, evened, ground_of
-from swardmap.types import Frame
+from swardmap.types import Frame, Segmentation
 from tests.teach.scenes import CONFIG, GARDEN, PLAN, Says, drive_of, lane, moved, with_poses
 
 Pixels = np.ndarray[tuple[int, ...], np.dtype[np.uint8]]
@@ -73,6 +73,25 @@ def test_a_network_that_knows_the_lawn_labels_the_flat_rest(frames: list[Frame],
     doubtful = Says(confidence=0.7)
     _, said, _ = labels_of(frames, drive_of(frames, doubtful), doubtful)
     assert (said == GRASS.id).sum() == 0
+
+
+@dataclass
+class SurerOfPaths(Says):
+    """Takes a lawn that it does not know for no lawn, but is surer of what is none."""
+
+    def __call__(self, frame: Frame) -> Segmentation:
+        found = super().__call__(frame)
+        confidence = np.where(true(frame) == GRASS.id, np.float32(0.91), np.float32(0.98))
+        return replace(found, confidence=confidence, hazard=np.rint(255 * confidence).astype(np.uint8))
+
+
+def test_its_no_grass_counts_where_it_is_surer_than_of_the_driven_ground() -> None:
+    """Of a campus it called a quarter of the lawn no grass, and its paths far more surely."""
+    path = Patch((4.5, -1.6), (5.0, 1.2), material=Finish((150, 146, 140), "slabs", 0.1))
+    frames, says = list(lane(replace(GARDEN, patches=(path,)))), SurerOfPaths(grass_is=0)
+    sure, said, truth = labels_of(frames, drive_of(frames, says), says)
+    assert (said[(truth == OTHER.id) & (sure == VOID_ID)] == OTHER.id).mean() > 0.5
+    assert (truth[said == OTHER.id] == OTHER.id).all()
 
 
 def test_the_driven_area_is_that_of_the_footprint(drive: Drive) -> None:

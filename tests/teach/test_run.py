@@ -113,7 +113,7 @@ def test_paths_that_nothing_speaks_against_are_warned_of(trusted: bool) -> None:
     one: Any = SimpleNamespace(
         drive=SimpleNamespace(name="lawn", left_out={}, spec=SimpleNamespace(resolution_m=0.05)),
         doubt=SimpleNamespace(cells=np.zeros((2, 2), np.bool_), grass_share=0.8),
-        ground=SimpleNamespace(trust_other=trusted),
+        ground=SimpleNamespace(least_other=0.3 if trusted else float("inf")),
     )
     assert any("a path in view may become lawn" in line for line in warnings([one], Written())) != trusted
 

@@ -3,6 +3,7 @@
 Order of precedence: defaults < file (`--config`) < command line (`--set camera.jpeg_quality=[80,95]`).
 """
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from hashlib import sha256
@@ -11,7 +12,7 @@ from typing import Any
 
 from swardmap.config.loader import load
 from swardmap.config.settings import Checked, setting
-from swardmap.errors import ConfigError
+from swardmap.errors import ConfigError, shortened
 
 
 def span(low: float, high: float, about: str, minimum: float | None = None) -> Any:
@@ -36,11 +37,45 @@ class CheckedRanges(Checked):
                 raise ConfigError(f"{name}: expected at least {lowest:g}, got {value[0]:g}")
 
 
+MOST_TIMES = 20.0
+
+
+def read_more(text: str) -> dict[str, float]:
+    """How many times as often each kind of thing is wished for, from `kind=times` with commas between.
+
+    Raises:
+        ConfigError: for other text, a kind twice, an unknown one, or a number that is not in 0..20.
+    """
+    from swardmap.synth.scene.recipes import KINDS
+
+    more: dict[str, float] = {}
+    for entry in filter(str.strip, text.split(",")):
+        kind, _, times = (part.strip() for part in entry.partition("="))
+        if not re.fullmatch(r"\d{1,2}(\.\d{1,6})?", times) or float(times) > MOST_TIMES or kind in more:
+            raise ConfigError(
+                f"scene.more: expected kind=times, each kind once, from 0 to {MOST_TIMES:g} times, as "
+                f"'tree=5,hose=4', got {shortened(text)}"
+            )
+        if kind not in KINDS:
+            raise ConfigError(
+                f"scene.more: unknown kind {shortened(kind)}; known: {', '.join(sorted(KINDS))}"
+            )
+        more[kind] = float(times)
+    return more
+
+
 @dataclass(frozen=True)
 class SceneConfig(Checked):
     """The gardens."""
 
     assets: bool = setting(True, "false: without ready-made models, all is drawn from simple shapes")
+    more: str = setting(
+        "", "how many times as much of a kind of thing, or of ground cover: tree=5,hose=4,test body=0"
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        read_more(self.more)
 
 
 @dataclass(frozen=True)

@@ -78,8 +78,8 @@ def prepare_folder(plan: SynthPlan, out: Path, overwrite: bool) -> None:
 
 
 def _difference(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
-    """The settings that differ, each with both values."""
-    old, new = _flat(before), _flat(now)
+    """The settings that differ, each with both values; an older folder has later ones at their default."""
+    old, new = _flat({"config": to_dict(SynthConfig())}) | _flat(before), _flat(now)
     names = [name for name in sorted(old.keys() | new.keys()) if old.get(name) != new.get(name)]
     told = [
         f"{name}: {shortened(old.get(name))} there, {shortened(new.get(name))} now"

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from swardmap.geometry import Intrinsics, Pose
-from swardmap.synth.config import RigConfig, SynthConfig
+from swardmap.synth.config import RigConfig, SynthConfig, read_more
 from swardmap.synth.model import Float32Array, Garden, Light, View
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ class GardenStage:
         """See `build_garden`."""
         from swardmap.synth.scene.garden import build_garden
 
-        return build_garden(seed, self._assets)
+        return build_garden(seed, self._assets, read_more(self._config.scene.more))
 
     def drive(self, garden: Garden, frames: int, rig: RigConfig) -> Drive:
         """See `mowing_run`."""

@@ -1,8 +1,8 @@
 """The second round: what the network of the first is sure of, where the drive says nothing.
 
 A robot covers a strip of what it sees, and of far lawn next to nothing. The network that learnt the strip
-knows the rest: flat ground that it surely calls grass counts as driven ground does, and its "no grass"
-counts now, too, for it knows this lawn.
+knows the rest: flat ground that it surely calls grass counts as driven ground does, but for what the network
+before was surely right to call no grass; and its "no grass" counts, for it knows this lawn.
 """
 
 from dataclasses import replace
@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from swardmap.io.files import write_bytes
 from swardmap.io.images import encode_png, read_color, read_mask
-from swardmap.labels import GRASS, VOID_ID
+from swardmap.labels import GRASS, OTHER, VOID_ID
 from swardmap.teach.labels import said_of
 from swardmap.teach.plan import LabelConfig, LearnConfig
-from swardmap.teach.write import LEARN, OPEN
+from swardmap.teach.write import LEARN, OPEN, SAID
 from swardmap.train.recipe import Recipe
 from swardmap.types import Segmentation
 
@@ -44,9 +44,9 @@ def label_again(folder: Path, checkpoint: Path, limits: LabelConfig) -> float:
     grass = pixels = 0
     for number, image in enumerate(sorted((folder / LEARN / "images").iterdir())):
         name, rgb = f"{image.stem}.png", read_color(image)
-        sure, open_ground = (read_mask(folder / p / name) for p in (f"{LEARN}/labels", OPEN))
+        sure, open_ground, before = (read_mask(folder / p / name) for p in (f"{LEARN}/labels", OPEN, SAID))
         found = predict(network, recipe, Photo(rgb, sure, sure, image.stem), device)
-        sure, said = labels_again(sure, open_ground, found, limits, number)
+        sure, said = labels_again(sure, open_ground, before, found, limits, number)
         write_bytes(folder / LEARN / AGAIN / name, encode_png(sure), durable=False)
         write_bytes(folder / SAID_AGAIN / name, encode_png(said), durable=False)
         grass, pixels = grass + int((sure == GRASS.id).sum()), pixels + sure.size
@@ -54,13 +54,14 @@ def label_again(folder: Path, checkpoint: Path, limits: LabelConfig) -> float:
 
 
 def labels_again(
-    sure: Mask, open_ground: Mask, found: Segmentation, limits: LabelConfig, seed: int
+    sure: Mask, open_ground: Mask, before: Mask, found: Segmentation, limits: LabelConfig, seed: int
 ) -> tuple[Mask, Mask]:
     """Labels of a frame with what a network that knows the lawn says of the rest of the ground.
 
     Args:
         sure: (H, W) by the drive.
         open_ground: (H, W) where its word may count, see `FrameLabels`.
+        before: (H, W) what counted of the word of the network that was there before the drive.
         found: its word.
         limits: see `label_again`.
         seed: of which pixels of a cell stay.
@@ -68,7 +69,8 @@ def labels_again(
     Returns:
         (H, W) labels in which some pixels of each cell of grass are added, and (H, W) the rest of its word.
     """
-    said = said_of(open_ground, found, limits, trust_other=True)
+    said = said_of(open_ground, found, limits, least_other=0.0)
+    said[(before == OTHER.id) & (said == GRASS.id)] = OTHER.id
     grass = said == GRASS.id
     chance = limits.cell_pixels / np.maximum(open_ground, limits.cell_pixels)
     stays = np.random.default_rng(seed).random(said.shape) < chance

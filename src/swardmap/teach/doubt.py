@@ -25,6 +25,10 @@ DEVIATIONS = 5.0
 LEAST_DEVIATION = np.array([6.0, 2.5, 2.5], np.float32)
 """Of CIELAB's L, a, b: no lawn is more even than that."""
 SMOOTH_CELLS = 5
+MOST_SURE = 253.5 / 255
+"""Probabilities are kept in 255ths."""
+SURER_SHARE = 0.98
+"""Of the driven cells, view by view: "no grass" that is surer than about so many of them counts elsewhere."""
 LEAST_PART_M2 = 0.15
 """A smaller doubtful part is a leaf or a shadow."""
 
@@ -98,6 +102,42 @@ def find_doubt(looks: Sequence[Looks], driven: Bools, spec: GridSpec) -> Doubt:
     if grass_share >= KNOWN_SHARE:
         doubtful |= seen & (smooth[..., 3] > SURELY_OTHER)
     return Doubt(_large_parts(doubtful, spec), grass_share)
+
+
+def least_other_of(looks: Sequence[Looks], driven: Bools, spec: GridSpec) -> float:
+    """P(obstacle or person) above which "no grass" counts: hardly any driven ground is called that as surely.
+
+    A network may know a lawn badly and its paths well: it is far surer of what is none.
+
+    Args:
+        looks: of the frames that are believed.
+        driven: (height, width) bool, and not doubtful.
+        spec: the grid.
+
+    Returns:
+        0 where no driven ground was seen; infinite where nothing can be surer.
+    """
+    found = []
+    for one in looks:
+        own, there = overlap(one.spec, spec)
+        sums = one.sums[own][driven[there]]
+        found.append(sums[sums[:, 0] > 0])
+    cells = np.concatenate(found) if found else np.zeros((0, 5), np.float32)
+    if not len(cells):
+        return 0.0
+    return surer_than(cells[:, 4] / cells[:, 0])
+
+
+def surer_than(hazards: NDArray[np.floating]) -> float:
+    """P(obstacle or person) that few of these exceed; infinite where that is as sure as can be told.
+
+    >>> surer_than(np.full(100, 0.25, np.float32))
+    0.25
+    >>> surer_than(np.ones(100, np.float32))
+    inf
+    """
+    limit = float(np.quantile(hazards, SURER_SHARE))
+    return limit if limit < MOST_SURE else float("inf")
 
 
 def _smoothed(mean: Float32, seen: Bools) -> Float32:

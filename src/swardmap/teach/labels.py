@@ -28,8 +28,8 @@ class DrivenGround:
         nothing: (height, width) bool: left out, outside the work area or doubtful; no ground is learnt there.
         silent: (height, width) bool: left out; nor is what stands there.
         stands: (height, width) bool: something stands there in most views.
-        trust_other: whether the network's "no grass" about flat ground counts: not where it says so of what
-            the robot drove over.
+        least_other: P(obstacle or person) above which the network's "no grass" about flat ground counts:
+            what it says as surely of ground that the robot drove over is no evidence (see `least_other_of`).
     """
 
     spec: GridSpec
@@ -37,7 +37,7 @@ class DrivenGround:
     nothing: Bools
     silent: Bools
     stands: Bools
-    trust_other: bool
+    least_other: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,11 +94,11 @@ def label_frame(
     stands = raised | _of_cells(ground.stands, ground.spec, heights)
     free = quiet & flat & ~beside & ~_beside(stands, heights, limits.open_beside_m)
     open_ground[free] = _in_cells(free, heights)[free]
-    return FrameLabels(labels, said_of(open_ground, segmentation, limits, ground.trust_other), open_ground)
+    return FrameLabels(labels, said_of(open_ground, segmentation, limits, ground.least_other), open_ground)
 
 
 def said_of(
-    open_ground: NDArray[np.uint8], segmentation: Segmentation, limits: LabelConfig, trust_other: bool
+    open_ground: NDArray[np.uint8], segmentation: Segmentation, limits: LabelConfig, least_other: float
 ) -> NDArray[np.uint8]:
     """A network's word where it counts.
 
@@ -106,7 +106,7 @@ def said_of(
         open_ground: (H, W) where, see `FrameLabels`.
         segmentation: what it says, at that size.
         limits: how sure it must be.
-        trust_other: whether "no grass" counts.
+        least_other: P(obstacle or person) above which "no grass" counts; infinite = nowhere.
 
     Returns:
         (H, W) uint8 ids, void where it does not count.
@@ -116,8 +116,8 @@ def said_of(
     flat = (open_ground != SETTLED) & (open_ground <= MOST_IN_CELL)
     said = np.full(open_ground.shape, VOID_ID, np.uint8)
     said[flat & sure & (classes == MapClass.GRASS) & ~_grown(person, EDGE_PIXELS)] = GRASS.id
-    if trust_other:
-        said[(open_ground != SETTLED) & sure & (classes == MapClass.OBSTACLE)] = OTHER.id
+    other = sure & (classes == MapClass.OBSTACLE) & (segmentation.hazard_255 > 255 * least_other)
+    said[(open_ground != SETTLED) & other] = OTHER.id
     said[(open_ground == UNSEEN) & sure & person] = PERSON.id
     return said
 

@@ -88,7 +88,7 @@ def warnings(judged: Sequence[JudgedDrive], written: Written) -> list[str]:
                 f"{j.drive.name}: the network so far calls only {share:.0%} of the driven ground grass. If "
                 "that is lawn, this is what teaching is for; if it is paving, do not go on."
             )
-        if not j.ground.trust_other:
+        if not np.isfinite(j.ground.least_other):
             lines.append(
                 f"{j.drive.name}: the network so far takes some driven ground for no lawn, so its word about "
                 "flat ground is not learnt: a path in view may become lawn. Compare maps by both networks "

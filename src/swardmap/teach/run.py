@@ -1,6 +1,7 @@
 """`swardmap teach` from end to end: labels and a page; and where that is wished, learning, gate, file."""
 
 import hashlib
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -118,7 +119,9 @@ def _facts_of(judged: Sequence[JudgedDrive]) -> dict[str, Any]:
         "driven_m2": round(sum(j.drive.driven_m2 for j in judged), 2),
         "doubtful_m2": round(doubtful_m2, 2),
         "left_out": {j.drive.name: j.drive.left_out for j in judged},
-        "trusted_for_other": [j.ground.trust_other for j in judged],
+        "no_grass_counts_above": [
+            j.ground.least_other if math.isfinite(j.ground.least_other) else None for j in judged
+        ],
         "drives": [j.drive.name for j in judged],
     }
 

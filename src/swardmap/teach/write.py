@@ -16,7 +16,7 @@ from swardmap.io.images import encode_jpeg, encode_png
 from swardmap.labels import GRASS, OTHER, PERSON, VOID_ID, MapClass
 from swardmap.mapping.work_area import WorkArea
 from swardmap.segmenter import Segmenter
-from swardmap.teach.doubt import Doubt, find_doubt
+from swardmap.teach.doubt import Doubt, find_doubt, least_other_of
 from swardmap.teach.drive import Drive, driven_again, raised_cells
 from swardmap.teach.labels import DrivenGround, FrameLabels, label_frame
 from swardmap.teach.plan import TeachPlan
@@ -28,8 +28,6 @@ LEARN, HELD, SAID, OPEN = "learn", "held", "said", "open"
 MOST_EDGE = 640
 GAP_FRAMES = 2
 """Between what is learnt from and what is measured on."""
-MOST_WRONG_OTHER = 0.03
-"""Share of the driven ground that the network may surely call "no grass", for that to count elsewhere."""
 LEAST_APART = 0.4
 """Share of the driven cells held out that must be new, for these alone to count."""
 CLASS_NAMES = {OTHER.id: "other", GRASS.id: "grass", PERSON.id: "person", VOID_ID: "void"}
@@ -103,8 +101,8 @@ def ground_of(
             silent |= polygon.covers(drive.spec)
     nothing |= silent
     driven = (drive.driven > 0) & ~nothing
-    trust = doubt.grass_share is None or doubt.grass_share > 1 - MOST_WRONG_OTHER
-    return DrivenGround(drive.spec, driven, nothing, silent, raised_cells(drive), trust)
+    least_other = least_other_of([p.looks for p in drive.used], driven, drive.spec)
+    return DrivenGround(drive.spec, driven, nothing, silent, raised_cells(drive), least_other)
 
 
 def doubt_of(drive: Drive) -> Doubt:

@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from swardmap.errors import InvalidValueError
+from swardmap.errors import ConfigError, InvalidValueError
 from swardmap.labels import GRASS, OTHER, PERSON
+from swardmap.synth.config import read_more
 from swardmap.synth.model import Garden, Thing
 from swardmap.synth.scene.areas import inside_convex_m
 from swardmap.synth.scene.garden import build_garden
@@ -59,6 +60,43 @@ def test_another_machine_gives_the_same_garden() -> None:
         assert np.allclose(here, there, atol=1e-3)
         assert np.allclose(found["heights_m"], told["heights_m"], atol=1e-3)
         assert found["lawn_m2"] == pytest.approx(told["lawn_m2"], rel=1e-4)
+
+
+def test_a_garden_has_more_of_what_is_asked_for_and_all_else_by_the_same_chance() -> None:
+    def count(it: Garden, kind: str) -> int:
+        return sum(thing.kind == kind for thing in it.things)
+
+    more = read_more("tree=6, hose=10,ball=0")
+    seeds = range(4)
+    usual, hard = ([build_garden(seed, None, m) for seed in seeds] for m in (None, more))
+    for kind, times in more.items():
+        before, now = (sum(count(it, kind) for it in gardens) for gardens in (usual, hard))
+        assert (now > 2 * before) if times else (now == 0 < before), kind
+    assert [it.lot_m.tolist() for it in usual] == [it.lot_m.tolist() for it in hard]
+    assert (
+        digest(build_garden(1, None, {}))
+        == digest(build_garden(1))
+        == digest(build_garden(1, None, {"hose": 1.0}))
+    )
+
+
+def test_a_garden_can_have_more_ground_cover() -> None:
+    def covered_m2(more: dict[str, float]) -> float:
+        grounds = [build_garden(seed, None, more).ground for seed in range(4)]
+        return sum(float((g.surface == Surface.GROUND_COVER).sum()) * g.texel_m**2 for g in grounds)
+
+    assert covered_m2({"ground cover": 10}) > 1.5 * covered_m2({}) > 0
+    assert covered_m2({"ground cover": 0}) == 0
+
+
+@pytest.mark.parametrize(
+    "text", ["tree", "tree=", "tree=-1", "tree=21", "tree=nan", "tree=2,tree=3", "dragon=2", "=3"]
+)
+def test_an_unknown_kind_or_number_is_one_clear_error(text: str) -> None:
+    with pytest.raises(
+        ConfigError, match=r"^scene.more: .*(tree=5,hose=4|unknown kind '(dragon)?'; known: animal)"
+    ):
+        read_more(text)
 
 
 @pytest.mark.slow

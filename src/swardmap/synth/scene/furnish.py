@@ -1,6 +1,6 @@
 """Put the things of the recipes into a lot."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -29,6 +29,7 @@ def furnished(
     assets: Assets | None,
     seed: int,
     tag: int,
+    more: Mapping[str, float],
 ) -> list[Thing]:
     """Things of each recipe where there is room; each recipe draws from a stream of its own.
 
@@ -40,12 +41,14 @@ def furnished(
         assets: ready-made models, or None.
         seed: of the garden.
         tag: of this group of recipes.
+        more: how many times as often a kind is wished for; once where it is not named.
     """
     area = len(sites.xy) * 0.12**2
     things = []
     for k, recipe in enumerate(recipes):
         rng = np.random.default_rng([seed, tag, k])
-        count = int(min(rng.poisson(recipe.mean * np.sqrt(area / 500)), 3 * recipe.mean + 2))
+        mean = recipe.mean * more.get(recipe.kind, 1.0)
+        count = int(min(rng.poisson(mean * np.sqrt(area / 500)), 3 * mean + 2))
         models = [_model(recipe, assets, rng) for _ in range(min(recipe.variants, count))]
         for i in range(count):
             model = models[i % len(models)]

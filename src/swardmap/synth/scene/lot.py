@@ -35,13 +35,22 @@ class Lot:
     extra_lines: tuple[tuple[str, tuple[float, float], tuple[float, float]], ...]
 
 
-def plan_lot(rng: np.random.Generator) -> Lot:
-    """A lot of 12-40 m with a house or none, paths, beds and what else breaks the lawn."""
+def plan_lot(rng: np.random.Generator, cover: float = 1.0) -> Lot:
+    """A lot of 12-40 m with a house or none, paths, beds and what else breaks the lawn.
+
+    Args:
+        rng: of the lot.
+        cover: how many times as likely a bed is one of ground cover.
+    """
     corners = _outline(rng)
     edges = tuple(str(rng.choice(EDGINGS, p=(0.38, 0.24, 0.12, 0.1, 0.16))) for _ in corners)
     house, terrace = _house(rng, corners)
     shed = _shed(rng, corners, house, terrace)
-    areas: list[Area] = [*_beds(rng, corners), *_islands(rng, corners), *_paths(rng, corners, terrace)]
+    areas: list[Area] = [
+        *_beds(rng, corners, cover),
+        *_islands(rng, corners, cover),
+        *_paths(rng, corners, terrace),
+    ]
     if terrace is not None:
         paved = rng.choice([Surface.PAVING, Surface.CONCRETE, Surface.WOOD])
         areas.append(Area(terrace, Surface(int(paved)), 0.004))
@@ -111,12 +120,22 @@ def _shed(
     return None
 
 
-def _beds(rng: np.random.Generator, corners: Float64Array) -> list[Area]:
+def _with_cover(chances: tuple[float, ...], times: float) -> Float64Array:
+    """Chances of surfaces, that of ground cover (the second) so many times as high against the others."""
+    weights = np.array(chances)
+    if times != 1:
+        weights[1] *= times
+        weights /= weights.sum()
+    return weights
+
+
+def _beds(rng: np.random.Generator, corners: Float64Array, cover: float) -> list[Area]:
     """Beds along edges: mulch, ground cover, soil."""
     beds = []
     for k in range(len(corners)):
         wanted, width, reach = rng.random() < 0.5, rng.uniform(0.5, 1.6), np.sort(rng.uniform(0.08, 0.92, 2))
-        surface = rng.choice([Surface.MULCH, Surface.GROUND_COVER, Surface.DIRT], p=(0.55, 0.3, 0.15))
+        kinds = [Surface.MULCH, Surface.GROUND_COVER, Surface.DIRT]
+        surface = rng.choice(kinds, p=_with_cover((0.55, 0.3, 0.15), cover))
         start, along, inward, length = _edge(corners, k)
         half = length * (reach[1] - reach[0]) / 2
         if wanted and half > 1.0:
@@ -126,14 +145,15 @@ def _beds(rng: np.random.Generator, corners: Float64Array) -> list[Area]:
     return beds
 
 
-def _islands(rng: np.random.Generator, corners: Float64Array) -> list[Area]:
+def _islands(rng: np.random.Generator, corners: Float64Array, cover: float) -> list[Area]:
     """Beds, ponds, sand and green carpets in the lawn."""
     kinds = [Surface.MULCH, Surface.GROUND_COVER, Surface.WATER, Surface.SAND, Surface.CARPET,
              Surface.LEAF_LITTER, Surface.DIRT, Surface.GRAVEL]  # fmt: skip
+    chances = _with_cover((0.22, 0.17, 0.12, 0.08, 0.15, 0.1, 0.09, 0.07), cover)
     roomy = np.clip(np.ptp(corners, axis=0).min() / 18, 0.7, 1.5)
     found = []
     for _ in range(int(rng.integers(1, 5))):
-        surface = Surface(int(rng.choice(kinds, p=(0.22, 0.17, 0.12, 0.08, 0.15, 0.1, 0.09, 0.07))))
+        surface = Surface(int(rng.choice(kinds, p=chances)))
         at, yaw = _within(rng, corners, 0.62), float(rng.uniform(0, np.pi))
         half, wave, phase = (
             rng.uniform((0.6, 0.5), (2.2, 1.3)) * roomy,

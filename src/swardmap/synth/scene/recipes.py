@@ -111,3 +111,6 @@ GRASSY: tuple[ThingKind, ...] = (
         rooted=True,
     ),
 )
+
+KINDS = frozenset(recipe.kind for recipe in (*RECIPES, *GRASSY)) | {"ground cover"}
+"""What a garden can be asked to have more or less of."""
