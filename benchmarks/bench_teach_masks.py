@@ -78,9 +78,9 @@ def write_fold(chosen: Sequence[Photo], folder: Path, network: OnnxSegmenter) ->
         sure = np.where(lane & (rng.random(mask.shape) < SHARE), np.uint8(GRASS.id), np.uint8(VOID_ID))
         open_ground = np.where(lane, np.uint8(SETTLED), np.uint8(UNSEEN))
         said = said_of(open_ground, word, limits, least_other)
-        parts = {f"{HELD if held else LEARN}/labels": sure}
+        parts = {f"{HELD if held else LEARN}/labels": sure, f"{HELD}/{SAID}" if held else SAID: said}
         if not held:
-            parts |= {SAID: said, OPEN: open_ground}
+            parts |= {OPEN: open_ground}
             driven, pixels = driven + int((sure == GRASS.id).sum()), pixels + sure.size
         images = folder / (HELD if held else LEARN) / "images"
         for needed in (images, *(folder / part for part in parts)):

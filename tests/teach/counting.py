@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from swardmap.labels import GRASS, OTHER, PERSON
+from swardmap.labels import GRASS, OTHER, PERSON, VOID_ID
 from swardmap.teach.faults import LIT, Counts, Said, count_frame, count_held, count_pixels
 from swardmap.teach.safety import SafetyFrame
 
@@ -37,6 +37,7 @@ def counts_of(
     driven_unsure: int = 0,
     lit_blind_to: tuple[int, ...] = (),
     lit_unsure_of: tuple[int, ...] = (),
+    ground_called: int = 0,
 ) -> Counts:
     """Of eight gardens that are alike, the same in the light of a drive, and of the part held out."""
     counts = Counts()
@@ -44,11 +45,13 @@ def counts_of(
         frame = frame_of(str(k))
         count_frame(counts, frame, says(frame, blind_to, unsure_of))
         count_pixels(counts, frame, says(frame, lit_blind_to, lit_unsure_of), LIT)
-        held = np.full((10, 10), GRASS.id, np.uint8)
+        held, before = np.full((20, 10), GRASS.id, np.uint8), np.full((20, 10), VOID_ID, np.uint8)
         held[0] = OTHER.id
+        held[10:], before[10:] = VOID_ID, OTHER.id
         grass = held == GRASS.id
+        grass[10 : 10 + ground_called] = True
         grass[1 : 1 + driven_missed] = False
         clears = grass.copy()
         clears[1 : 1 + driven_unsure] = False
-        count_held(counts, str(k), held, Said(grass, clears))
+        count_held(counts, str(k), held, before, Said(grass, clears))
     return counts

@@ -79,6 +79,18 @@ def test_who_is_surer_of_what_stands_on_the_drive_is_refused_however_few_its_fra
     assert judge(new, old).passes
 
 
+def test_who_calls_ground_grass_that_surely_was_none_is_refused() -> None:
+    """A taught network took a quarter of the paths of a campus for lawn, and the gardens were silent."""
+    assert judge(counts_of(), counts_of(ground_called=0)).passes
+    called, surely = judge(counts_of(), counts_of(ground_called=2)).reasons
+    assert (
+        "your drive that surely were no lawn called grass rise from 0.00% to 20.00%, beyond 10.00%" in called
+    )
+    assert (
+        "your drive that surely were no lawn surely grass rise from 0.00% to 20.00%, beyond 2.00%" in surely
+    )
+
+
 def test_a_network_that_knows_less_of_the_lawn_is_refused() -> None:
     less = "of the driven ground than before: 100.0% before, 77.8% now"
     verdict = judge(counts_of(), counts_of(driven_missed=2))

@@ -21,6 +21,7 @@ from swardmap.models.network_io import segmentation_of
 from swardmap.models.onnx import OnnxSegmenter
 from swardmap.teach.light import lit_frames
 from swardmap.teach.safety import SafetyFrame, safety_frames
+from swardmap.teach.write import SAID
 
 FEWEST_PIXELS = 20
 """Of a thing, to count."""
@@ -97,7 +98,8 @@ def measure(network: Path, held: Path, colours: Float64, threads: int = 0) -> Co
         count_pixels(counts, frame, _said(segmenter, frame.rgb), LIT)
     for number, image in enumerate(sorted((held / "images").glob("*.jpg"))):
         labels = read_mask(held / "labels" / f"{image.stem}.png")
-        count_held(counts, f"{number // HELD_GROUP}", labels, _said(segmenter, read_color(image)))
+        before = read_mask(held / SAID / f"{image.stem}.png")
+        count_held(counts, f"{number // HELD_GROUP}", labels, before, _said(segmenter, read_color(image)))
     return counts
 
 
@@ -134,10 +136,21 @@ def count_frame(counts: Counts, frame: SafetyFrame, said: Said) -> None:
         counts.add(name, unit, int(called[key] > GONE_SHARE * pixels[key]), 1)
 
 
-def count_held(counts: Counts, unit: str, labels: NDArray[np.uint8], said: Said) -> None:
-    """Count one frame of the part of the drive that was held out."""
+def count_held(
+    counts: Counts, unit: str, labels: NDArray[np.uint8], before: NDArray[np.uint8], said: Said
+) -> None:
+    """Count one frame of the part of the drive that was held out.
+
+    Args:
+        counts: is added to.
+        unit: group of frames.
+        labels: (H, W) by the drive.
+        before: (H, W) what counted of the word of the network before the drive, where the drive says nothing.
+        said: by the network that is measured.
+    """
     stands = (labels == OTHER.id) | (labels == PERSON.id)
-    _count(counts, unit, {"held_driven": labels == GRASS.id, "held_stands": stands}, said)
+    masks = {"held_driven": labels == GRASS.id, "held_stands": stands, "held_ground": before == OTHER.id}
+    _count(counts, unit, masks, said)
 
 
 def _count(counts: Counts, unit: str, masks: Mapping[str, Bools], said: Said) -> None:

@@ -19,6 +19,8 @@ WITHOUT_INTERVAL = 0.01
 """By which a share may rise where there are too few cases for an interval."""
 RISE_ON_DRIVE = 0.02
 """By which one of what stands on the drive may: it is of one place, whose interval may reach to 92 %."""
+RISE_ON_GROUND = 0.10
+"""By which one of flat ground may that the network before was sure is no lawn: it may have been wrong."""
 LEAST_RISE = 0.002
 """A share that rises less, however surely, is no reason to refuse."""
 LEAST_LOST = 0.01
@@ -41,8 +43,11 @@ DANGEROUS = {
     **{f"{LIT}{figure}": f"in your light: {what}" for figure, what in PIXELS.items()},
     "held_stands_called_grass": "pixels of what stands on your drive called grass",
     "held_stands_clears": "pixels of what stands on your drive surely grass",
+    "held_ground_called_grass": "pixels of your drive that surely were no lawn called grass",
+    "held_ground_clears": "pixels of your drive that surely were no lawn surely grass",
 }
 ON_DRIVE = frozenset({"held_stands_called_grass", "held_stands_clears"})
+ON_GROUND = {"held_ground_called_grass": RISE_ON_GROUND, "held_ground_clears": RISE_ON_DRIVE}
 USEFUL = {
     "held_driven_called_grass": "pixels of the driven ground called grass, part held out",
     "held_driven_clears": "pixels of the driven ground surely grass, part held out",
@@ -129,6 +134,8 @@ def _row(figure: str, old: Counts, new: Counts, dangerous: bool) -> Row:
         limit, rise = _limit(hits, of), sure_rise(hits, new.cases(figure)[0], of)
         if figure in ON_DRIVE:
             limit = min(limit, share + RISE_ON_DRIVE)
+        elif figure in ON_GROUND:
+            limit, rise = share + ON_GROUND[figure], None
         elif figure.startswith(LIT):
             known = old.share(figure.removeprefix(LIT)) or 0.0
             limit = max(limit, known)

@@ -14,6 +14,8 @@ from swardmap.teach.task import Task
 from swardmap.teach.write import HELD, LEARN, OPEN, SAID
 
 FACTS, RUN = "labels.json", "run"
+LABELS_VERSION = 2
+"""Of what the folder holds: labels of an earlier one are made anew."""
 
 
 def labels_digest(task: Task) -> str:
@@ -26,6 +28,7 @@ def labels_digest(task: Task) -> str:
         [ring.tolist() for p in a.polygons for ring in p.rings] for a in (task.area, *task.unwanted) if a
     ]
     said = [
+        LABELS_VERSION,
         [mark for file in task.files for mark in _marks(file)],
         hashlib.sha256(read_bytes(task.start_file)).hexdigest(),
         plan.footprint_m.tolist(),

@@ -232,9 +232,9 @@ def _write(out: Path, name: str, frame: Frame, labels: FrameLabels, held: bool) 
     factor = min(1.0, MOST_EDGE / max(height, width))
     size = (round(width * factor), round(height * factor))
     folder = out / (HELD if held else LEARN)
-    masks = {folder / "labels": labels.sure}
+    masks = {folder / "labels": labels.sure, (folder if held else out) / SAID: labels.said}
     if not held:
-        masks |= {out / SAID: labels.said, out / OPEN: labels.open_ground}
+        masks |= {out / OPEN: labels.open_ground}
     for part in (folder / "images", *masks):
         part.mkdir(parents=True, exist_ok=True)
     rgb = np.asarray(cv2.resize(frame.rgb, size, interpolation=cv2.INTER_AREA), np.uint8)
