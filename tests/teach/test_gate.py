@@ -79,15 +79,14 @@ def test_who_is_surer_of_what_stands_on_the_drive_is_refused_however_few_its_fra
     assert judge(new, old).passes
 
 
-def test_who_calls_ground_grass_that_surely_was_none_is_refused() -> None:
-    """A taught network took a quarter of the paths of a campus for lawn, and the gardens were silent."""
-    assert judge(counts_of(), counts_of(ground_called=0)).passes
-    called, surely = judge(counts_of(), counts_of(ground_called=2)).reasons
-    assert (
-        "your drive that surely were no lawn called grass rise from 0.00% to 20.00%, beyond 10.00%" in called
-    )
-    assert (
-        "your drive that surely were no lawn surely grass rise from 0.00% to 20.00%, beyond 2.00%" in surely
+def test_who_calls_ground_grass_that_surely_was_none_must_be_looked_at() -> None:
+    """Paths of a campus became lawn, and the gardens were silent; on another drive it may be lawn."""
+    assert judge(counts_of(), counts_of(ground_called=1)).warning == ""
+    verdict = judge(counts_of(), counts_of(ground_called=2))
+    assert verdict.passes
+    assert verdict.warning.startswith("20% of the ground of your drive")
+    assert any(
+        "surely were no lawn called grass" in line and "20.00%" in line for line in table(verdict.rows)
     )
 
 

@@ -166,6 +166,8 @@ def _print_verdict(verdict: "Verdict", task: "Task", seconds: float) -> None:
     from swardmap.teach.gate import table
 
     print("\n".join(table(verdict.rows)))
+    if verdict.warning:
+        print(f"swardmap: warning: {verdict.warning}", file=sys.stderr)
     if verdict.passes:
         print(f"written: {task.out} ({seconds / 60:.0f} min); use it with --segmenter {task.out}")
         print("to undo it, name the old file again, or none")

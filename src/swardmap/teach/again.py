@@ -1,8 +1,8 @@
 """The second round: what the network of the first is sure of, where the drive says nothing.
 
 A robot covers a strip of what it sees, and of far lawn next to nothing. The network that learnt the strip
-knows the rest: flat ground that it surely calls grass counts as driven ground does, but for what the network
-before was surely right to call no grass; and its "no grass" counts, for it knows this lawn.
+knows the rest: flat ground that it surely calls grass counts as driven ground does, and its "no grass" counts
+now, too, for it knows this lawn. Where it contradicts what was learnt in the first round, nobody knows.
 """
 
 from dataclasses import replace
@@ -70,7 +70,7 @@ def labels_again(
         (H, W) labels in which some pixels of each cell of grass are added, and (H, W) the rest of its word.
     """
     said = said_of(open_ground, found, limits, least_other=0.0)
-    said[(before == OTHER.id) & (said == GRASS.id)] = OTHER.id
+    said[(before == OTHER.id) & (said == GRASS.id)] = VOID_ID
     grass = said == GRASS.id
     chance = limits.cell_pixels / np.maximum(open_ground, limits.cell_pixels)
     stays = np.random.default_rng(seed).random(said.shape) < chance

@@ -19,8 +19,8 @@ WITHOUT_INTERVAL = 0.01
 """By which a share may rise where there are too few cases for an interval."""
 RISE_ON_DRIVE = 0.02
 """By which one of what stands on the drive may: it is of one place, whose interval may reach to 92 %."""
-RISE_ON_GROUND = 0.10
-"""By which one of flat ground may that the network before was sure is no lawn: it may have been wrong."""
+MOST_FREED = 0.10
+"""Of the ground that surely was no lawn, grass now: beyond it somebody must look whether it is lawn."""
 LEAST_RISE = 0.002
 """A share that rises less, however surely, is no reason to refuse."""
 LEAST_LOST = 0.01
@@ -43,11 +43,13 @@ DANGEROUS = {
     **{f"{LIT}{figure}": f"in your light: {what}" for figure, what in PIXELS.items()},
     "held_stands_called_grass": "pixels of what stands on your drive called grass",
     "held_stands_clears": "pixels of what stands on your drive surely grass",
+}
+ON_DRIVE = frozenset({"held_stands_called_grass", "held_stands_clears"})
+FREED = {
     "held_ground_called_grass": "pixels of your drive that surely were no lawn called grass",
     "held_ground_clears": "pixels of your drive that surely were no lawn surely grass",
 }
-ON_DRIVE = frozenset({"held_stands_called_grass", "held_stands_clears"})
-ON_GROUND = {"held_ground_called_grass": RISE_ON_GROUND, "held_ground_clears": RISE_ON_DRIVE}
+"""Dangerous where it is none, and what teaching is for where it is lawn: no figure says which."""
 USEFUL = {
     "held_driven_called_grass": "pixels of the driven ground called grass, part held out",
     "held_driven_clears": "pixels of the driven ground surely grass, part held out",
@@ -67,9 +69,9 @@ class Row:
     """A figure of both networks.
 
     Attributes:
-        figure: key in DANGEROUS or USEFUL.
+        figure: key in DANGEROUS, FREED or USEFUL.
         old, new: shares; None where there are no cases.
-        limit: what a dangerous one may not exceed; None for a useful one.
+        limit: what a dangerous one may not exceed; None for another.
         cases: pixels or things.
         sure_rise: lower end of the 95 % interval of the rise, garden by garden; None if too few of them.
     """
@@ -106,18 +108,29 @@ class Verdict:
         """Whether the new network may be written."""
         return not self.reasons
 
+    @property
+    def warning(self) -> str:
+        """What a person must look at, though the network passes; empty if there is nothing."""
+        freed = next((r.new or 0.0 for r in self.rows if r.figure == "held_ground_called_grass"), 0.0)
+        if freed <= MOST_FREED:
+            return ""
+        return (
+            f"{freed:.0%} of the ground of your drive that the network so far was surest is no lawn is grass "
+            "to the new one: if paths are in view, compare maps by both before you use it"
+        )
+
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers, for a file."""
         rows = {
             r.figure: {"before": r.old, "after": r.new, "limit": r.limit, "cases": r.cases} for r in self.rows
         }
-        return {"figures": rows, "refused_for": list(self.reasons)}
+        return {"figures": rows, "refused_for": list(self.reasons), "warning": self.warning}
 
 
 def judge(old: Counts, new: Counts) -> Verdict:
     """Hold the new network against the old one."""
     rows = [_row(figure, old, new, True) for figure in DANGEROUS]
-    rows += [_row(figure, old, new, False) for figure in USEFUL]
+    rows += [_row(figure, old, new, False) for figure in FREED | USEFUL]
     reasons = [row.reason for row in rows if row.reason]
     for figure, what in KNOWN_LESS.items():
         before, after = old.share(figure), new.share(figure)
@@ -134,8 +147,6 @@ def _row(figure: str, old: Counts, new: Counts, dangerous: bool) -> Row:
         limit, rise = _limit(hits, of), sure_rise(hits, new.cases(figure)[0], of)
         if figure in ON_DRIVE:
             limit = min(limit, share + RISE_ON_DRIVE)
-        elif figure in ON_GROUND:
-            limit, rise = share + ON_GROUND[figure], None
         elif figure.startswith(LIT):
             known = old.share(figure.removeprefix(LIT)) or 0.0
             limit = max(limit, known)
@@ -178,7 +189,7 @@ def sure_rise(
 
 def table(rows: Sequence[Row] | Mapping[str, Any]) -> list[str]:
     """The figures as lines, of a verdict or of what a file tells."""
-    names = DANGEROUS | USEFUL
+    names = DANGEROUS | FREED | USEFUL
     if isinstance(rows, Mapping):
         known = [(k, rows[k]) for k in names if k in rows]  # JSON has them by the alphabet
         rows = [Row(k, v["before"], v["after"], v["limit"], int(v["cases"])) for k, v in known]
