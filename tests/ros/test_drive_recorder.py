@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from swardmap.config import Config, MountConfig
 from swardmap.io import open_source
 from swardmap.ros import services
 from swardmap.ros.drive_recorder import DriveRecorder
@@ -84,7 +85,7 @@ def answer(asked: Any) -> Any:
 
 def test_the_service_begins_ends_and_says_what_came_of_it(frames: list[Frame], tmp_path: Path) -> None:
     pipeline: Any = SimpleNamespace(
-        parameters=SimpleNamespace(node=NodeConfig(save_folder=str(tmp_path))),
+        parameters=SimpleNamespace(node=NodeConfig(save_folder=str(tmp_path)), config=Config()),
         intake=SimpleNamespace(poses=SimpleNamespace(posed=True)),
         recorder=None,
         events=[],
@@ -110,3 +111,27 @@ def test_the_service_begins_ends_and_says_what_came_of_it(frames: list[Frame], t
     assert "no frame" in nothing.message
     pipeline.intake.poses.posed = False
     assert "poses" in ask(True).message
+
+
+def test_a_drive_that_must_end_keeps_what_was_seen_and_says_so(frames: list[Frame], tmp_path: Path) -> None:
+    """Another camera or a clock that went back lost the whole drive; the longest ended silently."""
+    half = replace(frames[6], depth_unit_m=0.0005)
+    back = replace(frames[6], stamp_ns=frames[2].stamp_ns)
+    for name, bad, told in (
+        ("camera", half, "the camera is another"),
+        ("clock", back, "the clock went back"),
+    ):
+        offered = [*frames[:6], bad, *frames[7:]]
+        recorder, _ = recorded(tmp_path / name, (("front", f) for f in offered))
+        assert f"6 frames of the drive in {tmp_path / name}, which ended early since {told}" in recorder.told
+        assert [f.stamp_ns for f in open_source(tmp_path / name)] == [f.stamp_ns for f in frames[:6]]
+    recorder, _ = recorded(tmp_path / "most", (("front", f) for f in frames), most=4)
+    assert "ended early since 4 frames are the most" in recorder.told
+    recorder, _ = recorded(tmp_path / "just", (("front", f) for f in frames[:4]), most=4)
+    assert "early" not in recorder.told
+
+
+def test_the_command_that_is_told_knows_where_the_camera_sits() -> None:
+    assert services._mount_options(MountConfig()) == ""
+    mount = MountConfig(x_m=0.4, yaw_deg=-3)
+    assert services._mount_options(mount) == " --set mount.x_m=0.4 --set mount.yaw_deg=-3"

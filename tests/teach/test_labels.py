@@ -14,7 +14,7 @@ from swardmap.synth.analytic_solids import Box, Finish
 from swardmap.teach.drive import Drive, driven_again
 from swardmap.teach.labels import label_frame
 from swardmap.teach.plan import TeachPlan, circle
-from swardmap.teach.write import doubt_of, evened, ground_of
+from swardmap.teach.write import doubt_of, evened, ground_of, shrunk
 from swardmap.types import Frame, Segmentation
 from tests.teach.scenes import CONFIG, GARDEN, PLAN, Says, drive_of, lane, moved, with_poses
 
@@ -195,6 +195,19 @@ def test_spans_and_areas_are_left_out(frames: list[Frame]) -> None:
     assert ground.driven.sum() * 0.0025 == pytest.approx(1.2, abs=0.1)
 
 
+@pytest.mark.parametrize("at_m", [(500_000.0, 5_600_000.0), (-3_000.0, 2_500.0)])
+def test_poses_that_begin_far_away_are_left_out_like_any_jump(
+    frames: list[Frame], at_m: tuple[float, float]
+) -> None:
+    """Before a fix of the position a robot is at the origin, then where it is: no map holds both."""
+    poses = [moved(p, *at_m) if i >= 4 else p for i, p in enumerate(poses_of(frames))]
+    drive = drive_of(with_poses(frames, poses))
+    assert list(drive.left_out) == ["the pose jumped"]
+    assert len(drive.used) >= len(frames) - 6
+    assert drive.spec.width * drive.spec.height < 1_000_000
+    assert drive.driven_m2 == pytest.approx(0.6 * 21 * 0.25 + np.pi * 0.3**2, rel=0.1)
+
+
 def test_without_poses_nothing_is_taught(frames: list[Frame]) -> None:
     with pytest.raises(InputError, match="poses in one frame, got none in 26"):
         drive_of([replace(f, T_map_camera=None) for f in frames])
@@ -204,7 +217,7 @@ def test_near_and_far_cells_teach_alike(frames: list[Frame], drive: Drive) -> No
     ground = ground_of(drive, doubt_of(drive), None, ())
     number, _, heights, found = next(iter(driven_again(frames, drive, Says(), CONFIG, lambda: None)))
     labels = label_frame(heights, found, ground, PLAN.labels)
-    even = evened(labels, heights, 2.0, number)
+    even = evened(labels, heights.cells, 2.0, number)
     kept = even.sure == GRASS.id
     assert (labels.sure[kept] == GRASS.id).all()
     assert (even.sure[labels.sure != GRASS.id] == labels.sure[labels.sure != GRASS.id]).all()
@@ -216,7 +229,27 @@ def test_near_and_far_cells_teach_alike(frames: list[Frame], drive: Drive) -> No
     assert after[0] < 0.2 * before[0]
     in_cell = np.bincount(heights.cells[kept & near])
     assert in_cell[in_cell > 0].mean() < 2.5
-    np.testing.assert_array_equal(evened(labels, heights, 2.0, number).sure, even.sure)
+    np.testing.assert_array_equal(evened(labels, heights.cells, 2.0, number).sure, even.sure)
+
+
+def test_a_large_image_teaches_as_many_pixels_of_a_cell_as_a_small_one(
+    frames: list[Frame], drive: Drive, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a frame of 1280 x 720 three quarters of the thinned pixels were dropped again."""
+    ground = ground_of(drive, doubt_of(drive), None, ())
+    _, _, heights, found = next(iter(driven_again(frames, drive, Says(), CONFIG, lambda: None)))
+    labels = label_frame(heights, found, ground, PLAN.labels)
+    monkeypatch.setattr("swardmap.teach.write.MOST_EDGE", 120)
+    small, cells = shrunk(labels, heights.cells)
+    assert small.sure.shape == cells.shape == (90, 120)
+    np.testing.assert_array_equal(cells, heights.cells[::2, ::2])
+    even = evened(small, cells, 2.0, 0)
+    in_cell = np.bincount(cells[even.sure == GRASS.id])
+    thinned = np.bincount(cells[small.sure == GRASS.id]) >= 8
+    assert in_cell[thinned[: len(in_cell)].nonzero()].mean() == pytest.approx(2.0, abs=0.4)
+    free = (small.open_ground > 0) & (small.open_ground <= 253)
+    counts = np.bincount(cells[free])
+    assert (small.open_ground[free] == np.minimum(counts[cells[free]], 253)).all()
 
 
 def test_void_is_what_nobody_knows(frames: list[Frame], drive: Drive) -> None:

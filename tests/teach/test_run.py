@@ -12,12 +12,15 @@ import numpy as np
 import pytest
 
 from swardmap.cli.app import run
-from swardmap.config import Config
+from swardmap.config import Config, MountConfig
 from swardmap.io import open_source
+from swardmap.io.maps.area_files import read_metric_area
 from swardmap.io.sources.folder import write_folder
+from swardmap.mapping.work_area import AreaRole
 from swardmap.teach.gate import Row, Verdict, judge
+from swardmap.teach.kept import forget_other_runs, is_of, labels_digest
 from swardmap.teach.learn import teach_recipe
-from swardmap.teach.page import warnings
+from swardmap.teach.page import mount_warning, warnings
 from swardmap.teach.plan import LearnConfig, TeachPlan, circle
 from swardmap.teach.run import _learn_twice, label
 from swardmap.teach.safety import SafetyFrame
@@ -99,6 +102,52 @@ def test_labels_and_page_are_made_kept_and_made_anew(
     assert run(["teach", str(drive), "-o", str(out), "--leave-out", "2-4"]) == 0
     facts = json.loads((out.with_suffix(".teach") / "labels.json").read_text())
     assert facts["left_out"] == {"lawn": {"left out as told": [[2.0, 4.0]]}}
+
+
+def test_labels_of_another_meaning_are_made_anew(drive: Path, tmp_path: Path) -> None:
+    """The same ring once as the lawn, once as what is left out: the labels of the first were kept."""
+    area = tmp_path / "area.yaml"
+    area.write_text("polygon_m: [[-1, -1], [3, -1], [3, 1], [-1, 1]]\n")
+    out = tmp_path / "my-lawn.onnx"
+    task = Task([open_source(drive)], [drive], out, Config(), TeachPlan(circle(0.3)))
+    lawn = read_metric_area(area)
+    inside, outside = replace(task, area=lawn), replace(task, unwanted=(lawn,))
+    kept_out = replace(
+        task, area=replace(lawn, polygons=(replace(lawn.polygons[0], role=AreaRole.EXCLUSION),))
+    )
+    found = [labels_digest(t) for t in (task, inside, outside, kept_out)]
+    assert len(set(found)) == 4
+
+
+def test_what_is_made_beside_the_recording_is_no_part_of_it(drive: Path, tmp_path: Path) -> None:
+    """The network in the folder of the drive: every call began anew, and then refused its own file."""
+    copy = tmp_path / "drive"
+    shutil.copytree(drive, copy)
+    task = Task([open_source(copy)], [copy], copy / "my-lawn.onnx", Config(), TeachPlan(circle(0.3)))
+    before = labels_digest(task)
+    (copy / "my-lawn.teach" / "learn").mkdir(parents=True)
+    (copy / "my-lawn.teach" / "learn" / "x.png").write_bytes(b"x")
+    (copy / "my-lawn.onnx").write_bytes(b"x")
+    assert labels_digest(task) == before
+    (copy / "poses.txt").write_text((copy / "poses.txt").read_text() + "# more\n")
+    assert labels_digest(task) != before
+
+
+def test_who_does_not_say_where_the_camera_sits_is_told() -> None:
+    assert "give mount.x_m" in mount_warning(MountConfig())[0]
+    assert mount_warning(MountConfig(x_m=0.4)) == []
+
+
+def test_checkpoints_of_another_recipe_begin_anew(tmp_path: Path) -> None:
+    run_folder = tmp_path / "run" / "again"
+    forget_other_runs(run_folder, "one")
+    (run_folder / "last.pt").write_bytes(b"x")
+    forget_other_runs(run_folder, "one")
+    assert (run_folder / "last.pt").is_file()
+    forget_other_runs(run_folder, "two")
+    assert not (run_folder / "last.pt").exists()
+    assert is_of(run_folder, "two")
+    assert not is_of(run_folder, "one")
 
 
 def test_a_part_held_out_that_can_measure_nothing_is_told() -> None:

@@ -18,7 +18,7 @@ import yaml
 
 from swardmap.cli.export import export
 from swardmap.cli.train import train
-from swardmap.errors import ConfigError, InputError
+from swardmap.errors import ConfigError, InputError, ModelError
 from swardmap.labels import GRASS_OBSTACLE_PERSON, VOID_ID
 from swardmap.models.spec import METADATA_KEY, NetworkSpec
 from swardmap.train.checkpoint import read_checkpoint
@@ -168,3 +168,29 @@ def test_each_blend_needs_its_share(tmp_path: Path) -> None:
                 blend=[tmp_path / "b.pt"],
                 blend_share=shares,
             )
+
+
+@pytest.mark.parametrize("lost", [3.0, None])
+def test_an_export_that_is_refused_or_interrupted_leaves_the_file_that_was_there(
+    lost: float | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def release(_: Path, __: Path, out: Path, *___: object, **____: object) -> dict[str, Any]:
+        out.write_bytes(b"half of it")
+        if lost is None:
+            raise KeyboardInterrupt
+        return {"int8_loss_points": lost}
+
+    monkeypatch.setattr("swardmap.train.release.release", release)
+    out = tmp_path / "lawn.onnx"
+    out.write_bytes(b"a good one")
+    with pytest.raises(
+        KeyboardInterrupt if lost is None else ModelError, match="" if lost is None else "not written"
+    ):
+        export(tmp_path / "a.pt", tmp_path, out)
+    assert out.read_bytes() == b"a good one"
+    assert [p.name for p in tmp_path.iterdir()] == ["lawn.onnx"]
+
+
+def test_a_network_that_is_not_there_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(ModelError, match="no such network"):
+        export(tmp_path / "a.onnx", tmp_path, tmp_path / "b.onnx", recipe=tmp_path / "r.yaml")

@@ -145,6 +145,29 @@ def test_missing_and_damaged_files_are_said(data_root: Path, tiny_recipe: MakeRe
         one_photo(tmp_path, tiny_recipe())
 
 
+@pytest.mark.parametrize(
+    "mask", [np.ones((8, 8), np.uint16), np.ones((8, 8, 3), np.uint8), np.ones((8, 8, 4), np.uint8)]
+)
+def test_masks_of_other_kinds_are_refused_and_never_read_as_ids(
+    mask: np.ndarray, tiny_recipe: MakeRecipe, tmp_path: Path
+) -> None:
+    """A mask of 16 bits was read as all 0, one of colours as their brightness."""
+    for part, content in (("images", np.zeros((8, 8, 3), np.uint8)), ("labels", mask)):
+        (tmp_path / "made" / part).mkdir(parents=True)
+        cv2.imwrite(str(tmp_path / f"made/{part}/000.png"), content)
+    with pytest.raises(InputError, match="expected an 8-bit single-channel mask of class ids"):
+        one_photo(tmp_path, tiny_recipe())
+
+
+def test_a_list_names_one_image_a_line_whatever_its_name(tmp_path: Path) -> None:
+    (tmp_path / "made/images").mkdir(parents=True)
+    for name in ("IMG 001", "b"):
+        (tmp_path / f"made/images/{name}.jpg").write_bytes(b"x")
+    (tmp_path / "made/train.txt").write_text("IMG 001\r\n\n b\n")
+    found = image_paths(DataConfig(name="a", folder="made", list="train.txt"), tmp_path)
+    assert [p.stem for p in found] == ["IMG 001", "b"]
+
+
 def test_a_view_depends_on_seed_step_and_index_alone(data_root: Path, tiny_recipe: MakeRecipe) -> None:
     recipe = recipe_from_dict(tiny_recipe())
     sets = load_photos(recipe, data_root, validation=False)

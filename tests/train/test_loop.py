@@ -55,6 +55,16 @@ def test_a_killed_run_ends_with_the_same_weights(
             assert torch.equal(value, cut[part][key]), key
 
 
+def test_with_nothing_to_check_it_on_the_best_is_the_newest(
+    data_root: Path, tiny_recipe: MakeRecipe, tmp_path: Path
+) -> None:
+    """It was the first checkpoint for good, and that was exported."""
+    tree = tiny_recipe(steps=6, auxiliary_classes=0)
+    tree["data"] = [entry for entry in tree["data"] if not entry.get("validation")]
+    train(recipe_from_dict(tree), data_root, tmp_path / "out", silent)
+    assert read_checkpoint(tmp_path / "out/best.pt")["step"] == 6
+
+
 def test_a_run_leaves_what_a_person_looks_at(
     data_root: Path, tiny_recipe: MakeRecipe, tmp_path: Path
 ) -> None:

@@ -64,29 +64,35 @@ def export(
     paths, shares = blend or [], blend_share or []
     if len(paths) != len(shares) or not all(0 <= share <= 1 for share in shares):
         raise typer.BadParameter("expected one --blend-share of 0 to 1 for each --blend")
-    result = release(
-        checkpoint,
-        data,
-        out,
-        int8,
-        images,
-        size,
-        grass_bias,
-        tuple(zip(paths, shares, strict=True)),
-        calibrate_classes,
-        familiar,
-        person_bias=person_bias,
-    )
+    partial = out.with_suffix(".partial.onnx")
+    try:
+        result = release(
+            checkpoint,
+            data,
+            partial,
+            int8,
+            images,
+            size,
+            grass_bias,
+            tuple(zip(paths, shares, strict=True)),
+            calibrate_classes,
+            familiar,
+            person_bias=person_bias,
+        )
+        lost = result.get("int8_loss_points")
+        if lost is not None and lost > max_loss:
+            raise ModelError(
+                f"INT8 costs {lost:.2f} points of grass IoU, more than {max_loss}, so {out} is not written: "
+                "use more calibration images, or --no-int8"
+            )
+        partial.replace(out)
+    finally:
+        partial.unlink(missing_ok=True)
+    result["file"] = str(out)
     if as_json:
         print(json.dumps(result, indent=2))
     else:
         _print(result)
-    lost = result.get("int8_loss_points")
-    if lost is not None and lost > max_loss:
-        raise ModelError(
-            f"INT8 costs {lost:.2f} points of grass IoU, more than {max_loss}: use more calibration images, "
-            "or --no-int8"
-        )
 
 
 def _taught(network: Path, recipe: Path, data: Path, out: Path) -> dict[str, Any]:

@@ -118,7 +118,7 @@ class SegmenterConfig(Checked):
 
 @dataclass(frozen=True)
 class MountConfig(Checked):
-    """Where the camera sits, for recordings without poses."""
+    """Where the camera sits, for recordings without poses, and under it the robot for `swardmap teach`."""
 
     height_m: float | None = setting(
         None, "of the camera above the ground; none = measured from the ground seen", minimum=0

@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from swardmap.config import MountConfig
 from swardmap.errors import SwardmapError
 from swardmap.monitor.diagnostics import Severity
 from swardmap.ros.drive_recorder import DriveRecorder
@@ -116,9 +117,17 @@ async def _teach_record(pipeline: LivePipeline, request: Any, response: Any) -> 
     elif recorder is not None and recorder.writing:
         response.success, response.message = False, f"already recording into {recorder.folder}"
     else:
-        pipeline.recorder = DriveRecorder(_new_folder(pipeline, "drive_").absolute(), partial(_log, pipeline))
+        folder = _new_folder(pipeline, "drive_").absolute()
+        options = _mount_options(pipeline.parameters.config.mount)
+        pipeline.recorder = DriveRecorder(folder, partial(_log, pipeline), options=options)
         response.success, response.message = True, f"recording into {pipeline.recorder.folder}"
     return response
+
+
+def _mount_options(mount: MountConfig) -> str:
+    """Where the camera sits, as `swardmap teach` is told it; empty where nobody said."""
+    told = {"x_m": mount.x_m, "y_m": mount.y_m, "yaw_deg": mount.yaw_deg}
+    return "".join(f" --set mount.{name}={value:g}" for name, value in told.items() if value)
 
 
 def _log(pipeline: LivePipeline, line: str) -> None:

@@ -36,10 +36,10 @@ class Picked:
     looks: Looks
 
 
-def jumps_between(track: Track, picked: tuple[Picked, ...]) -> list[int]:
-    """Poses before which the map jumps, by what stands in one view and in the next."""
+def jumps_between(track: Track, picked: tuple[Picked, ...], kept: Bools) -> list[int]:
+    """Poses before which the map jumps, by what stands in one view and in the next of those that are kept."""
     cuts = []
-    for one, two in pairwise(picked):
+    for one, two in pairwise(p for p in picked if kept[p.index]):
         shift = shift_between(one.seen, two.seen)
         if shift is not None and shift.jumped:
             steps_m = np.hypot(*np.diff(track.xy_m[one.index : two.index + 1], axis=0).T)

@@ -158,9 +158,10 @@ def _judged(name: str, reading: _Reading, plan: TeachPlan) -> Drive:
             f"in view, got {len(picked)}: drive on, over the whole lawn"
         )
     unwanted = in_spans(track.seconds, plan.leave_out_s)
-    jumped = ~steady(track, jumps_between(track, picked)) & ~unwanted
+    cuts = jumps_between(track, picked, steady(track) & ~unwanted)
+    jumped = ~steady(track, cuts) & ~unwanted
     kept = ~(unwanted | jumped)
-    spec = grid_around([p.seen for p in picked])
+    spec = grid_around([p.seen for p in picked if kept[p.index]] or [picked[0].seen])
     against = spread(picked, contradicting(picked, kept, spec), kept)
     kept = kept & ~against
     driven, wrong_way = believed_way(track, picked, kept, plan, spec)

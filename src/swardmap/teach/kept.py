@@ -8,6 +8,7 @@ from pathlib import Path
 from swardmap.config import config_to_dict
 from swardmap.errors import OutputError
 from swardmap.io.files import read_bytes, write_text
+from swardmap.mapping.work_area import WorkArea
 from swardmap.teach.again import SAID_AGAIN
 from swardmap.teach.learn import LIT_GARDENS
 from swardmap.teach.task import Task
@@ -24,27 +25,32 @@ def labels_digest(task: Task) -> str:
     Recordings count by where they lie and when they were written: many a drive is called the same.
     """
     plan, config = task.plan, config_to_dict(task.config)
-    areas = [
-        [ring.tolist() for p in a.polygons for ring in p.rings] for a in (task.area, *task.unwanted) if a
-    ]
+    made = (task.out.absolute(), task.folder.absolute())
     said = [
         LABELS_VERSION,
-        [mark for file in task.files for mark in _marks(file)],
+        [mark for file in task.files for mark in _marks(file, made)],
         hashlib.sha256(read_bytes(task.start_file)).hexdigest(),
         plan.footprint_m.tolist(),
         plan.leave_out_s,
         asdict(plan.labels),
-        areas,
+        None if task.area is None else _area(task.area),
+        [_area(area) for area in task.unwanted],
         {k: config[k] for k in ("source", "mount", "cloud", "grid", "geometry")},
     ]
     return hashlib.sha256(repr(said).encode()).hexdigest()[:16]
 
 
-def _marks(recording: Path) -> list[tuple[str, int, int]]:
-    """Name, size and time of change of each file of a recording."""
+def _area(area: WorkArea) -> tuple[str, list[tuple[str, list[list[list[float]]]]]]:
+    """Frame, and role and rings of each polygon: the same ring may be lawn or be kept out of."""
+    return area.frame_id, [(str(p.role), [ring.tolist() for ring in p.rings]) for p in area.polygons]
+
+
+def _marks(recording: Path, made: tuple[Path, Path]) -> list[tuple[str, int, int]]:
+    """Name, size and time of change of each file of a recording, but for what is made from it."""
     if not recording.exists():
         return [(str(recording), 0, 0)]  # made by its name, as analytic: is
     inside = [p for p in recording.rglob("*") if p.is_file()] if recording.is_dir() else [recording]
+    inside = [p for p in inside if not any(p.absolute().is_relative_to(m) for m in made)]
     stats = [(p, p.stat()) for p in sorted(inside)]
     return [(str(p.absolute()), s.st_size, s.st_mtime_ns) for p, s in stats]
 
@@ -60,10 +66,22 @@ def clear(folder: Path) -> None:
         raise OutputError(f"cannot make the folder {folder}: {error.strerror}") from error
 
 
-def forget_other_runs(folder: Path, digest: str) -> None:
-    """Checkpoints of another recipe over these labels are no use: begin anew."""
-    mark = folder / RUN / "recipe.txt"
-    if (folder / RUN).exists() and (not mark.is_file() or mark.read_text(encoding="utf-8") != digest):
-        shutil.rmtree(folder / RUN)
-    mark.parent.mkdir(parents=True, exist_ok=True)
-    write_text(mark, digest)
+def is_of(run: Path, digest: str) -> bool:
+    """Whether checkpoints of this recipe lie in a folder."""
+    mark = run / "recipe.txt"
+    return mark.is_file() and mark.read_text(encoding="utf-8") == digest
+
+
+def forget_other_runs(run: Path, digest: str) -> None:
+    """Checkpoints of another recipe are no use: begin anew in their folder.
+
+    Raises:
+        OutputError: if it cannot be written.
+    """
+    try:
+        if run.exists() and not is_of(run, digest):
+            shutil.rmtree(run)
+        run.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot write to {run}: {error.strerror}") from error
+    write_text(run / "recipe.txt", digest)

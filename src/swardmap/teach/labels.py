@@ -93,7 +93,7 @@ def label_frame(
     open_ground[quiet & flat] = BESIDE
     stands = raised | _of_cells(ground.stands, ground.spec, heights)
     free = quiet & flat & ~beside & ~_beside(stands, heights, limits.open_beside_m)
-    open_ground[free] = _in_cells(free, heights)[free]
+    open_ground[free] = in_cells(free, heights.cells)[free]
     return FrameLabels(labels, said_of(open_ground, segmentation, limits, ground.least_other), open_ground)
 
 
@@ -128,11 +128,11 @@ def _as_sure(segmentation: Segmentation, least: float) -> Bools:
     return np.ones(segmentation.labels.shape, np.bool_) if confidence is None else confidence >= least
 
 
-def _in_cells(chosen: Bools, heights: Heights) -> NDArray[np.uint8]:
+def in_cells(chosen: Bools, cells: NDArray[np.integer]) -> NDArray[np.uint8]:
     """(H, W) how many of the chosen pixels the cell of each of them has, at most MOST_IN_CELL."""
-    counts = np.bincount(heights.cells[chosen], minlength=1)
+    counts = np.bincount(cells[chosen], minlength=1)
     found = np.zeros(chosen.shape, np.uint8)
-    found[chosen] = np.minimum(counts[heights.cells[chosen]], MOST_IN_CELL)
+    found[chosen] = np.minimum(counts[cells[chosen]], MOST_IN_CELL)
     return found
 
 

@@ -66,7 +66,10 @@ def teach_recipe(
         ),
         *_own_replay(n if not more else n / 2, learn.known_weight, in_your_light),
         *(
-            DataConfig(name=f"more-{i}", folder=str(m.absolute()), kind="recording", weight=n / 2 / len(more))
+            DataConfig(
+                name=f"more-{i}", folder=str(m.absolute()), kind="recording", weight=n / 2 / len(more),
+                person_boost=3, obstacle_weight=learn.known_weight,
+            )
             for i, m in enumerate(more)
         ),
         DataConfig(name="held", folder=HELD, validation=True),

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from swardmap.config import MountConfig
 from swardmap.labels import GRASS, GRASS_OBSTACLE_PERSON, OTHER, PERSON, VOID_ID, MapClass
 from swardmap.teach.doubt import Doubt
 from swardmap.teach.drive import Drive, raised_cells
@@ -68,6 +69,17 @@ def teach_page(judged: Sequence[JudgedDrive], written: Written, command: str) ->
             for reason, spans in j.drive.left_out.items()
         ],
     )
+
+
+def mount_warning(mount: MountConfig) -> list[str]:
+    """What a person should read where nobody said where the camera sits on the robot."""
+    if mount.x_m or mount.y_m:
+        return []
+    line = (
+        "The footprint is laid under the camera: give mount.x_m, metres that it is ahead of the middle of "
+        "the robot, or ground beyond the end of each lane is learnt as driven."
+    )
+    return [line]
 
 
 def warnings(judged: Sequence[JudgedDrive], written: Written) -> list[str]:

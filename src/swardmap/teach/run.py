@@ -18,7 +18,7 @@ from swardmap.teach.again import AGAIN, label_again, second_recipe
 from swardmap.teach.drive import read_drive
 from swardmap.teach.faults import measure
 from swardmap.teach.gate import Verdict, judge
-from swardmap.teach.kept import FACTS, RUN, clear, forget_other_runs, labels_digest
+from swardmap.teach.kept import FACTS, RUN, clear, forget_other_runs, is_of, labels_digest
 from swardmap.teach.learn import (
     START_SHARES,
     Report,
@@ -34,7 +34,7 @@ from swardmap.teach.learn import (
     tell,
     write_lit_gardens,
 )
-from swardmap.teach.page import JudgedDrive, teach_page, warnings
+from swardmap.teach.page import JudgedDrive, mount_warning, teach_page, warnings
 from swardmap.teach.task import Task
 from swardmap.teach.write import (
     HELD,
@@ -74,17 +74,22 @@ def label(task: Task, on_frames: OnFrames) -> Labelled:
         if facts.get("digest") == digest:
             return Labelled(facts, list(facts.get("warnings", [])))
     if task.out.exists() and not task.replace:
-        raise ConfigError(
-            f"{task.out} is there already, not taught by these drives with these settings; "
-            "name another file, or add --replace"
-        )
+        raise not_ours(task.out)
     clear(task.folder)
     judged, written = _write_drives(task, on_frames)
-    told = warnings(judged, written)
+    told = [*warnings(judged, written), *mount_warning(task.config.mount)]
     write_text(task.folder / PAGE, teach_page(judged, written, task.command))
     facts = {**written.facts(), "digest": digest, "warnings": told, **_facts_of(judged)}
     write_facts(facts_file, facts)
     return Labelled(facts, told)
+
+
+def not_ours(out: Path) -> ConfigError:
+    """The refusal of a file that is there already."""
+    return ConfigError(
+        f"{out} is there already, not taught by these drives with these settings; "
+        "name another file, or add --replace"
+    )
 
 
 def _write_drives(task: Task, on_frames: OnFrames) -> tuple[list[JudgedDrive], Written]:
@@ -133,6 +138,7 @@ def learn(task: Task, device: str, threads: int, report: Report) -> Verdict:
         The verdict; `task.out` is written only if it passes.
 
     Raises:
+        ConfigError: if that file is there, taught with other settings.
         SwardmapError: as training and export do.
     """
     began = time.monotonic()
@@ -147,14 +153,16 @@ def learn(task: Task, device: str, threads: int, report: Report) -> Verdict:
         task.out.stem, start.absolute(), spec.licence, task.plan.learn, task.replay, precision, weight,
         in_your_light=len(colours) > 0,
     )  # fmt: skip
-    forget_other_runs(folder, recipe.digest)
+    if task.out.exists() and not task.replace and not is_of(folder / RUN, recipe.digest):
+        raise not_ours(task.out)
+    forget_other_runs(folder / RUN, recipe.digest)
     learnt = _learn_twice(task, recipe, report, device, threads)
-    old = measure(start, folder / HELD, colours)
+    old = measure(start, folder / HELD, colours, threads)
     verdict, candidate = None, folder / "candidate.onnx"
     for share in START_SHARES:
         export_candidate(learnt, folder / RUN / "start.pt", folder, candidate, start, spec, share)
         bias = refit_sureness(candidate, start, colours)
-        verdict = judge(old, measure(candidate, folder / HELD, colours))
+        verdict = judge(old, measure(candidate, folder / HELD, colours, threads))
         write_facts(folder / GATE, {"start_share": share, "grass_bias": bias, **verdict.to_dict()})
         if verdict.passes:
             know_images(candidate, start, recipe, folder)
@@ -180,6 +188,7 @@ def _learn_twice(task: Task, recipe: Recipe, report: Report, device: str, thread
     share = label_again(folder, run / "last.pt", plan.labels)
     weight = driven_weight(share, plan.learn.driven_share)
     second = second_recipe(recipe, plan.learn, run / "last.pt", weight)
+    forget_other_runs(again, second.digest)
 
     def further(figures: Mapping[str, Any]) -> None:
         report({**figures, "step": figures["step"] + recipe.schedule.steps})

@@ -18,10 +18,19 @@ from swardmap.mapping.work_area import WorkArea
 from swardmap.segmenter import Segmenter
 from swardmap.teach.doubt import Doubt, find_doubt, least_other_of
 from swardmap.teach.drive import Drive, driven_again, raised_cells
-from swardmap.teach.labels import DrivenGround, FrameLabels, label_frame
+from swardmap.teach.labels import (
+    MOST_IN_CELL,
+    SETTLED,
+    DrivenGround,
+    FrameLabels,
+    in_cells,
+    label_frame,
+)
 from swardmap.teach.plan import TeachPlan
 from swardmap.teach.views import Bools, Heights
 from swardmap.types import Frame, Segmentation
+
+Cells = NDArray[np.integer]
 
 LEARN, HELD, SAID, OPEN = "learn", "held", "said", "open"
 """Folders: to learn from, to measure on, what the network said where the drive says nothing, where it may."""
@@ -151,7 +160,8 @@ def write_labels(
         if held and apart:
             labels = _without(labels, learnt, drive.spec, heights)
         name = f"{prefix}{number:04d}"
-        even = evened(labels, heights, plan.labels.cell_pixels, number)
+        small, cells = shrunk(labels, heights.cells)
+        even = evened(small, cells, plan.labels.cell_pixels, number)
         _write(out, name, frame, even, held)
         written.held += held
         written.learnt_driven += 0 if held else int(np.count_nonzero(even.sure == GRASS.id))
@@ -193,20 +203,36 @@ def _without(labels: FrameLabels, learnt: Bools, spec: GridSpec, heights: Height
     return replace(labels, sure=sure)
 
 
-def evened(labels: FrameLabels, heights: Heights, cell_pixels: float, seed: int) -> FrameLabels:
+def shrunk(labels: FrameLabels, cells: Cells) -> tuple[FrameLabels, Cells]:
+    """Labels and cells of a frame at the size that is learnt from, at most MOST_EDGE pixels wide and high."""
+    import cv2
+
+    height, width = cells.shape
+    factor = MOST_EDGE / max(height, width)
+    if factor >= 1:
+        return labels, cells
+    size = (round(width * factor), round(height * factor))
+    masks = (labels.sure, labels.said, labels.open_ground, cells)
+    sure, said, open_ground, small = (cv2.resize(m, size, interpolation=cv2.INTER_NEAREST) for m in masks)
+    free = (open_ground != SETTLED) & (open_ground <= MOST_IN_CELL)
+    open_ground = np.where(free, in_cells(free, small), open_ground)
+    return FrameLabels(sure, said, open_ground), small
+
+
+def evened(labels: FrameLabels, cells: Cells, cell_pixels: float, seed: int) -> FrameLabels:
     """Labels in which every driven cell has about as many pixels of grass, near or far.
 
     Near cells hold hundreds of pixels, far ones a few, and the map asks for the far ones as often.
 
     Args:
         labels: of a frame.
-        heights: of it, which say the cell of each pixel.
+        cells: (H, W) the cell of each pixel.
         cell_pixels: of a cell that stay, on average; all where it has fewer.
         seed: of which pixels stay.
     """
     grass = labels.sure == GRASS.id
-    pixels = np.bincount(heights.cells[grass], minlength=1)
-    chance = cell_pixels / np.maximum(pixels[heights.cells[grass]], cell_pixels)
+    pixels = np.bincount(cells[grass], minlength=1)
+    chance = cell_pixels / np.maximum(pixels[cells[grass]], cell_pixels)
     sure = labels.sure.copy()
     sure[grass] = np.where(np.random.default_rng(seed).random(len(chance)) < chance, GRASS.id, VOID_ID)
     return replace(labels, sure=sure)
@@ -229,19 +255,16 @@ def _write(out: Path, name: str, frame: Frame, labels: FrameLabels, held: bool) 
     import cv2
 
     height, width = labels.sure.shape
-    factor = min(1.0, MOST_EDGE / max(height, width))
-    size = (round(width * factor), round(height * factor))
     folder = out / (HELD if held else LEARN)
     masks = {folder / "labels": labels.sure, (folder if held else out) / SAID: labels.said}
     if not held:
         masks |= {out / OPEN: labels.open_ground}
     for part in (folder / "images", *masks):
         part.mkdir(parents=True, exist_ok=True)
-    rgb = np.asarray(cv2.resize(frame.rgb, size, interpolation=cv2.INTER_AREA), np.uint8)
+    rgb = np.asarray(cv2.resize(frame.rgb, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
     write_bytes(folder / "images" / f"{name}.jpg", encode_jpeg(rgb), durable=False)
     for part, mask in masks.items():
-        small = np.asarray(cv2.resize(mask, size, interpolation=cv2.INTER_NEAREST), np.uint8)
-        write_bytes(part / f"{name}.png", encode_png(small), durable=False)
+        write_bytes(part / f"{name}.png", encode_png(mask), durable=False)
 
 
 def write_facts(path: Path, facts: dict[str, Any]) -> None:

@@ -41,7 +41,7 @@ def save_progress(run: Run, out: Path, value: float) -> None:
 
     What a run leaves between the two steps is done again from `last.pt` on, so that comes last of all.
     """
-    better = value > run.best
+    better = value >= run.best  # with nothing to check it on, the newest
     run.best = max(run.best, value)
     state = {
         "version": CHECKPOINT_VERSION,

@@ -5,7 +5,6 @@ signed activations take twice as long. The metadata travels inside the file.
 """
 
 import logging
-import os
 import warnings
 from collections.abc import Iterable
 from dataclasses import replace
@@ -17,6 +16,7 @@ import torch
 from numpy.typing import NDArray
 
 from swardmap.errors import ModelError, require
+from swardmap.io.files import output_error, write_bytes
 from swardmap.labels import Role
 from swardmap.models.network_io import preprocess
 from swardmap.models.spec import METADATA_KEY, NetworkSpec
@@ -143,9 +143,15 @@ def shift_grass(path: Path, bias: float) -> NetworkSpec:
 
 
 def read_spec(path: Path) -> NetworkSpec:
-    """What a network file says about itself, without running it."""
+    """What a network file says about itself, without running it.
+
+    Raises:
+        ModelError: if it is missing, or no network of swardmap's.
+    """
     import onnx
 
+    if not path.is_file():
+        raise ModelError(f"no such network: {path}")
     metadata = {p.key: p.value for p in onnx.load(path, load_external_data=False).metadata_props}
     if METADATA_KEY not in metadata:
         raise ModelError(f"{path}: expected the metadata '{METADATA_KEY}', got a network without")
@@ -198,10 +204,8 @@ def write_model(model: Any, spec: NetworkSpec, path: Path) -> None:
         del part.metadata_props[:]  # the exporter tells call stacks, with the paths of this machine
     onnx.helper.set_model_props(model, {METADATA_KEY: spec.to_json()})
     model.producer_name = "swardmap"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_suffix(".writing")
-    with partial.open("wb") as file:
-        file.write(model.SerializeToString())
-        file.flush()
-        os.fsync(file.fileno())
-    partial.replace(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise output_error(path, error) from error
+    write_bytes(path, model.SerializeToString())

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from swardmap.errors import ConfigError, InputError
 from swardmap.io.annotations.annotation_files import read_masks
+from swardmap.io.images import read_mask
 from swardmap.labels import GRASS_OBSTACLE_PERSON, VOID_ID, LabelSet, Role
 from swardmap.train.augment import Image
 from swardmap.train.recipe import DataConfig, NetworkConfig
@@ -82,7 +83,7 @@ def image_paths(config: DataConfig, root: Path) -> list[Path]:
     listing = root / config.folder / config.list
     if not listing.is_file():
         raise InputError(f"data set {config.name}: no such list: {listing}")
-    stems = listing.read_text(encoding="utf-8").split()
+    stems = [line.strip() for line in listing.read_text(encoding="utf-8").splitlines() if line.strip()]
     lost = [s for s in stems if s not in found]
     if lost:
         raise InputError(f"data set {config.name}: {listing} names {lost[0]}, which is not in {folder}")
@@ -117,24 +118,26 @@ def _load(
     root: Path,
     annotated: Mapping[str, Callable[[], Image]] | None,
 ) -> Photo:
-    image = _read(path, cv2.IMREAD_COLOR)
+    image = cv2.imread(str(path), cv2.IMREAD_COLOR) if path.is_file() else None
+    if image is None:
+        raise InputError(f"cannot read the image {path}: missing or damaged")
     shape = image.shape[:2]
     base = root / config.folder
     mask = np.full(shape, VOID_ID, np.uint8)
     if annotated is not None:
         mask = _checked(annotated[path.stem](), shape, f"{config.annotations}: {path.stem}")
     elif config.labels is not None:
-        mask = _read(base / config.labels / f"{path.stem}{config.label_suffix}", cv2.IMREAD_GRAYSCALE, shape)
+        mask = _mask(base / config.labels / f"{path.stem}{config.label_suffix}", shape)
     codes = _class_indices(config, network)[mask]
     pseudo_path = root / (config.pseudo or "") / f"{path.stem}.png"
     if config.pseudo is not None and pseudo_path.is_file():
-        pseudo = _read(pseudo_path, cv2.IMREAD_GRAYSCALE)
+        pseudo = read_mask(pseudo_path)
         pseudo = np.asarray(cv2.resize(pseudo, shape[::-1], interpolation=cv2.INTER_NEAREST), np.uint8)
         said = _index_table(GRASS_OBSTACLE_PERSON, network)[pseudo]
         codes = np.where((codes == VOID_ID) & (said != VOID_ID), said + np.uint8(PSEUDO_CODE), codes)
     fine = np.full(shape, VOID_ID, np.uint8)
     if config.fine is not None and network.auxiliary_classes:
-        fine = _read(base / config.fine / f"{path.stem}{config.label_suffix}", cv2.IMREAD_GRAYSCALE, shape)
+        fine = _mask(base / config.fine / f"{path.stem}{config.label_suffix}", shape)
         fine = np.where(fine == 0, np.uint8(VOID_ID), fine)
     rgb = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
     return _shrunk(Photo(rgb, _of_set(codes, config, number, network), fine, path.stem), config.validation)
@@ -239,12 +242,8 @@ def _shrunk(photo: Photo, keep: bool) -> Photo:
     return replace(photo, image=image, codes=masks[0], fine=masks[1])
 
 
-def _read(path: Path, mode: int, shape: tuple[int, ...] | None = None) -> Image:
-    image = cv2.imread(str(path), mode) if path.is_file() else None
-    if image is None:
-        raise InputError(f"cannot read the image {path}: missing or damaged")
-    image = np.asarray(image, np.uint8)
-    return image if shape is None else _checked(image, shape, str(path))
+def _mask(path: Path, shape: tuple[int, ...]) -> Image:
+    return _checked(read_mask(path), shape, str(path))
 
 
 def _checked(mask: Image, shape: tuple[int, ...], where: str) -> Image:

@@ -42,7 +42,7 @@ def release(
     Args:
         checkpoint: of `train`.
         root: folder the recipe's data folders are in.
-        out: the .onnx file; replaced whole.
+        out: the .onnx file, written in steps: give a new name, and rename it when all is done.
         int8: quantise, calibrated on training images.
         images: how many of those.
         size: width and height of the input, if not the recipe's.

@@ -183,12 +183,20 @@ def write_folder(frames: Iterable[Frame], path: str | Path, overwrite: bool = Fa
     return len(lines)
 
 
+def same_camera(one: Frame, two: Frame) -> bool:
+    """Whether two frames can stand in one folder: of one lens, size, depth unit and type."""
+    return _camera_of(one) == _camera_of(two)
+
+
+def _camera_of(frame: Frame) -> tuple[Any, ...]:
+    return frame.intrinsics, frame.depth_unit_m, frame.depth.dtype
+
+
 def _check_same_camera(first: Frame, frame: Frame) -> None:
-    same = (first.intrinsics, first.depth_unit_m, first.depth.dtype)
-    if same != (frame.intrinsics, frame.depth_unit_m, frame.depth.dtype):
+    if not same_camera(first, frame):
         raise InvalidValueError(
-            f"frame {frame.name}: expected the camera of the first frame, {same}, "
-            f"got {(frame.intrinsics, frame.depth_unit_m, frame.depth.dtype)}"
+            f"frame {frame.name}: expected the camera of the first frame, {_camera_of(first)}, "
+            f"got {_camera_of(frame)}"
         )
 
 
