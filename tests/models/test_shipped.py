@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 
 import swardmap
-from swardmap.config import SegmenterConfig
+from swardmap.config import GridConfig, SegmenterConfig
 from swardmap.io import open_source
-from swardmap.labels import GRASS, GRASS_OBSTACLE_PERSON, OTHER
+from swardmap.labels import GRASS, GRASS_OBSTACLE_PERSON, OTHER, MapClass
 from swardmap.models import build_segmenter, bundled_network
+from swardmap.models.network_io import segmentation_of
 from swardmap.models.onnx import OnnxSegmenter
 from swardmap.train.data import load_photos
 from swardmap.train.evaluate import evaluate_network
@@ -89,10 +90,14 @@ def test_real_photos_it_never_saw(shipped: OnnxSegmenter) -> None:
 def test_an_off_road_robot_sees_grass_beside_the_road_and_none_in_the_trees(shipped: OnnxSegmenter) -> None:
     for path in sorted((DATA / "orfd/images").glob("*.png")):
         rgb = np.asarray(cv2.cvtColor(np.asarray(cv2.imread(str(path))), cv2.COLOR_BGR2RGB), np.uint8)
-        grass = shipped.segment(rgb)[0] == GRASS.id
+        found = segmentation_of(shipped.logits(rgb), shipped.spec)
+        grass = found.map_classes == MapClass.GRASS
+        clears = grass & (found.hazard_255 <= 255 * GridConfig().clear_below)
         height, width = grass.shape
         assert grass[: height // 3].mean() < 0.002  # sky and crowns of trees
-        assert grass[height // 2 :, : width // 4].mean() < 0.02  # the road
+        assert grass[4 * height // 5 :, : width // 4].mean() < 0.001  # the road
+        assert grass[height // 2 :, : width // 4].mean() < 0.02  # with weeds and stones of its far verge
+        assert clears[height // 2 :, : width // 4].mean() < 0.001  # of which none is surely grass
         assert grass[height // 3 :, width // 2 :].mean() > 0.03  # the verge
 
 
