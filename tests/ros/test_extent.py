@@ -56,3 +56,8 @@ def test_a_map_that_grew_is_given_out_whole() -> None:
 def test_a_jump_of_the_pose_takes_no_memory(way: tuple[float, float]) -> None:
     spec = GridSpec(0.05, 100, 100, (0.0, 0.0))
     assert extent_around(spec, way, 1.0) == spec
+
+
+def test_a_map_that_is_long_already_does_not_follow_beyond_what_a_grid_may_hold() -> None:
+    strip = GridSpec(0.05, 400_000, 150)
+    assert extent_around(strip, (100.0, 90.0), 1.0) == strip

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from swardmap.config import Config, config_from_dict
-from swardmap.errors import ConfigError, InputError
+from swardmap.errors import ConfigError, InputError, InvalidValueError
 from swardmap.geometry import R_BODY_OPTICAL, Pose
 from swardmap.io.bags.ros_fields import odometry_fields
 from swardmap.io.bags.topics import ImageTopic
@@ -561,3 +561,79 @@ def test_a_node_without_geometry_is_told_what_that_means() -> None:
     assert severity == Severity.WARN
     assert "grass is free however high it stands" in text
     assert not one_robot().pipeline.events
+
+
+def far_steps(robot: Robot, start: int, count: int, at_m: tuple[float, float]) -> HealthReport:
+    """Steps of a robot whose poses say that it is far away, all at once."""
+    for i in range(start, start + count):
+        stamp_ns = START_NS + i * PERIOD_NS
+        robot.now_ns = stamp_ns + LATENCY_NS
+        matrix = drive.base_at(0.05 * (i - start)).matrix.copy()
+        matrix[:2, 3] += at_m
+        T = Pose("map", drive.BASE, matrix)
+        robot.pipeline.intake.on_odometry(drive.message(ODOMETRY, odometry_fields(T, stamp_ns)), robot.now_ns)
+        robot.look("camera", drive.view(robot.rig, "camera", 0.05 * (i - start), i % 20), stamp_ns)
+        robot.work()
+    return robot.reports[-1]
+
+
+UTM_M, DIAGONAL_M = (500_000.0, 5_800_000.0), (1_500.0, 1_500.0)
+
+
+@pytest.mark.parametrize("settings", MODES[:2], ids=["paper", "evidence"])
+@pytest.mark.parametrize("at_m", [UTM_M, DIAGONAL_M], ids=["UTM", "diagonal"])
+def test_poses_that_jump_far_away_are_named_and_a_clear_recovers(
+    settings: dict[str, Any], at_m: tuple[float, float]
+) -> None:
+    robot = one_robot(settings)
+    assert not recovered(robot, 0, 25).stop
+    before = robot.pipeline.mapper.snapshot(None)
+    report = far_steps(robot, 25, 10, at_m)
+    after = robot.pipeline.mapper.snapshot(None)
+    assert before is not None
+    assert after is not None
+    assert after.spec == before.spec
+    assert robot.pipeline.given_out(None) is not None
+    assert report.stop
+    assert {d.subject for d in report.diagnoses if d.fault == "too far"} == {"map"}
+    (told,) = (d.message for d in report.diagnoses if d.fault == "too far")
+    assert "more than 64000000" in told
+    assert "clear" in told
+    assert robot.pipeline.skipped["frame so far away that the map would become too large"] >= 8
+    robot.pipeline.clear()
+    cleared = robot.pipeline.mapper.snapshot(None)
+    assert cleared is not None
+    assert (cleared.classes == MapClass.UNKNOWN).all()
+    assert not far_steps(robot, 35, 25, at_m).stop
+    assert free_cells(robot.pipeline) > 0
+
+
+def test_a_map_is_cleared_whatever_its_grid_has_become(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = one_robot()
+    robot.run([0.05 * i for i in range(3)])
+    before = robot.pipeline.mapper.snapshot(None)
+
+    def fails(_: object) -> Any:
+        raise InvalidValueError("grid: expected between 1 and 400000000 cells")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(ObstacleMapper, "map", property(fails))
+        robot.pipeline.clear()
+    after = robot.pipeline.mapper.snapshot(None)
+    assert before is not None
+    assert after is not None
+    assert after.spec == before.spec
+    assert (after.classes == MapClass.UNKNOWN).all()
+
+
+def test_a_robot_far_from_its_saved_map_is_told_so(tmp_path: Path) -> None:
+    first = one_robot({"grid": {"mode": "evidence"}})
+    first.run([0.1 * i for i in range(3)])
+    saved = first.pipeline.mapper._mapper.log_odds
+    assert saved is not None
+    write_living(saved, tmp_path / "living.npz")
+    robot = one_robot({"grid": {"mode": "evidence", "resume": str(tmp_path / "living.npz")}})
+    report = far_steps(robot, 0, 5, UTM_M)
+    assert robot.pipeline.given_out(None) is not None
+    (told,) = (d.message for d in report.diagnoses if d.fault == "too far")
+    assert "from the middle of the saved map" in told

@@ -93,9 +93,14 @@ class LogOddsMap:
             self._tiles = self._lattice.kept_within(self._tiles, self._window)
 
     @property
+    def spec(self) -> GridSpec | None:
+        """Where the map lies: the window, the configured extent, or all that was seen; None if nothing."""
+        return self._window or self._fixed or self._lattice.spec_of_tiles(self._tiles)
+
+    @property
     def grid(self) -> OccupancyGrid | None:
-        """A copy of the map: the window, the configured extent, or all that was seen; None if nothing."""
-        spec = self._window or self._fixed or self._lattice.spec_of_tiles(self._tiles)
+        """A copy of the map; None if nothing was seen."""
+        spec = self.spec
         if spec is None:
             return None
         classes = np.zeros(spec.shape, np.uint8)

@@ -53,6 +53,7 @@ class Fault(StrEnum):
     IDLE = "idle"
     IMPLAUSIBLE = "implausible view"
     JUMPED_POSE = "pose jumped"
+    TOO_FAR = "too far"
     MOTION = "motion mismatch"
     MISALIGNED = "misaligned"
     TILTED = "tilted ground"

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from swardmap.grid import GridSpec, OccupancyGrid, overlap
+from swardmap.grid import MAX_CELLS, GridSpec, OccupancyGrid, overlap
 from swardmap.labels import MapClass
 
 GROWTH_M = 8.0
@@ -32,7 +32,8 @@ def extent_around(
             size each time that the robot leaves it and comes back.
 
     Returns:
-        The enlarged grid; `spec` itself where the circle lies inside, or farther away than `FARTHEST_M`.
+        The enlarged grid; `spec` itself where the circle lies inside, or farther away than `FARTHEST_M`, or
+        where no grid may be so large.
     """
     low = spec.cell_of(np.asarray(xy_m) - radius_m)
     high = spec.cell_of(np.asarray(xy_m) + radius_m)
@@ -49,6 +50,8 @@ def extent_around(
     before = np.where(low < 0, step - low, 0)
     after = np.where(high >= size, high - size + 1 + step, 0)
     width, height = (size + before + after).tolist()
+    if width * height > MAX_CELLS:
+        return spec
     x, y = (round(o - n * spec.resolution_m, 9) for o, n in zip(spec.origin_m, before.tolist(), strict=True))
     return replace(spec, width=width, height=height, origin_m=(x, y)) if (before + after).any() else spec
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from swardmap.errors import InputError
+from swardmap.errors import SwardmapError
 from swardmap.geometry import Pose
 from swardmap.grid import GridSpec, OccupancyGrid
 from swardmap.monitor.diagnostics import Severity
@@ -90,7 +90,7 @@ class GivenMap:
             self.to_grant = False
             try:
                 grant()
-            except InputError as error:
+            except SwardmapError as error:  # a timer calls this: what leaves it ends the node
                 self._tell(Severity.WARN, str(error))
         if self.area is not None:
             self.end("the stop flag was set" if stopped else self.area.ended(now_ns, robot_xy_m))

@@ -237,6 +237,8 @@ class LivePipeline:
             yield Diagnosis.named(MAP, Fault.IDLE, f"paused; nothing was mapped for {idle_s:.2f} s")
         elif idle_s > config.stopped_s + config.stale_s:
             yield Diagnosis.named(MAP, Fault.IDLE, f"nothing was mapped for {idle_s:.2f} s")
+        if self.mapper.too_far:
+            yield Diagnosis.named(MAP, Fault.TOO_FAR, self.mapper.too_far)
         if self.intake.body_frame:
             yield Diagnosis.named(MAP, Fault.IMPLAUSIBLE, self.intake.body_frame)
         pixels = tuple(self._pixels)  # the worker appends

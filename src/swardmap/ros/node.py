@@ -7,7 +7,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from swardmap.errors import SwardmapError
+from swardmap.errors import SwardmapError, one_line
 from swardmap.models import build_segmenter
 from swardmap.monitor.diagnostics import Severity
 from swardmap.ros.bond import Bond
@@ -170,14 +170,28 @@ class RobotNode:
         pipeline, outputs = self.pipeline, self._outputs
         if pipeline is None or outputs is None:
             return
-        for line in last_words(pipeline):
-            self.log.info(line)
         pipeline.fail("the node is not active")
-        self._check()
-        self._publish_map(pipeline, outputs, nothing_free=True)
+        self._said("stop flag", self._check)
+        if not self._said("map", partial(self._publish_map, pipeline, outputs, nothing_free=True)):
+            pipeline.clear()  # where the last one lay all is unknown: that needs nothing of the map
+            self._said("map, all unknown", partial(self._publish_map, pipeline, outputs, nothing_free=True))
         outputs.wait_until_heard(LAST_WORD_S)
+        self._said("report", partial(self._tell_run, pipeline))
         pipeline.failure = ""
         pipeline.clear()
+
+    def _said(self, what: str, say: Callable[[], object]) -> bool:
+        """Say one of the last things, and return whether it was: a failure must not take the others away."""
+        try:
+            say()
+        except Exception as error:  # noqa: BLE001 - whatever it is: the robot must hear the others
+            self.log.error(f"the last {what} was not published: {one_line(error)}")
+            return False
+        return True
+
+    def _tell_run(self, pipeline: LivePipeline) -> None:
+        for line in last_words(pipeline):
+            self.log.info(line)
 
     def _cleanup(self) -> None:
         for destroy in self._held:

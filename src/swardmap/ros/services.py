@@ -41,8 +41,11 @@ def serve(node: Any, pipeline: LivePipeline) -> list[Callable[[], object]]:
 
 
 def _clear(pipeline: LivePipeline, _: Any, response: Any) -> Any:
-    pipeline.clear()
-    response.success, response.message = True, "the map is empty: all is unknown"
+    try:
+        pipeline.clear()
+        response.success, response.message = True, "the map is empty: all is unknown"
+    except SwardmapError as error:
+        response.success, response.message = False, str(error)
     return response
 
 

@@ -22,10 +22,11 @@ from swardmap.mapping.log_odds_map import LogOddsMap
 from swardmap.mapping.work_area import work_area_in
 from swardmap.monitor.diagnostics import Diagnosis, HealthReport, frame_stats
 from swardmap.monitor.watchdog import Watchdog
-from swardmap.pipeline import ObstacleMapper, StepResult, configured_mount
+from swardmap.pipeline import ObstacleMapper, StepResult, configured_mount, view_spec
 from swardmap.ros.ground_heights import GroundHeights
 from swardmap.ros.layers import Values, evidence_values
 from swardmap.ros.stage_times import StageTimes
+from swardmap.runs.bounds import Bounds
 from swardmap.segmenter import Segmenter
 from swardmap.types import Frame, Segmentation
 
@@ -34,6 +35,7 @@ LATE_NS = 1_000_000_000
 
 REASON_UNFIT = "frame that the watchdog refused"
 REASON_LATE = "frame older than the map by more than a second"
+REASON_FAR = "frame so far away that the map would become too large"
 
 
 class WatchedMapper:
@@ -44,6 +46,7 @@ class WatchedMapper:
         stages: what takes how long.
         area: work area, or None.
         viewpoint_m: (x, y) in the map of the camera whose frame was mapped last.
+        too_far: why the last frame was too far away to be mapped; empty if it was not.
 
     Args:
         config: all settings.
@@ -51,6 +54,9 @@ class WatchedMapper:
         mounts: T_base_camera by name of each camera, or None where it is not known.
         layers: of costmaps, beside what is seen: a work area, a keep-out mask.
         log_odds: saved map to go on from; it is changed.
+
+    Raises:
+        InputError: if the saved map is too large to be given out.
     """
 
     def __init__(
@@ -76,7 +82,9 @@ class WatchedMapper:
         self._alone: OccupancyGrid | None
         self._newest_ns: int
         self._version = 0
-        self._cleared: GridSpec | None = None
+        self._given: GridSpec | None = None
+        self._bounds: Bounds | None
+        self.too_far = ""
         self.viewpoint_m = 0.0, 0.0
         self._begin(log_odds)
 
@@ -102,6 +110,9 @@ class WatchedMapper:
                 return None
             if self._newest_ns - frame.stamp_ns > LATE_NS:
                 self.left_out[REASON_LATE] += 1
+                return None
+            if not self._is_near(frame):
+                self.left_out[REASON_FAR] += 1
                 return None
             self._newest_ns = max(self._newest_ns, frame.stamp_ns)
             step = self._step(replace(frame, stamp_ns=self._newest_ns), segmentation)
@@ -152,7 +163,9 @@ class WatchedMapper:
         cleared is all unknown where it was: who has been given the old one must not go on by it.
         """
         with self._map_lock:
-            return self._snapshot(forget_before_ns)
+            grid = self._snapshot(forget_before_ns)
+            self._given = self._given if grid is None else grid.spec
+            return grid
 
     def costmap(self, grid: OccupancyGrid) -> Costmap | None:
         """Costs of a snapshot."""
@@ -176,10 +189,8 @@ class WatchedMapper:
             self.config = config
 
     def clear(self) -> None:
-        """Forget the map: all is unknown."""
+        """Forget the map, whatever it has become: all is unknown where one was given out."""
         with self._map_lock:
-            grid = self._alone if self._alone is not None else self._mapper.map
-            self._cleared = self._cleared if grid is None else grid.spec
             self._begin()
 
     def save(self, folder: Path, facts: Mapping[str, Any] | None = None) -> None:
@@ -212,7 +223,7 @@ class WatchedMapper:
     def _snapshot(self, forget_before_ns: int | None) -> OccupancyGrid | None:
         grid = self._alone if self._alone is not None else self._mapper.map
         if grid is None:
-            return None if self._cleared is None else OccupancyGrid.unknown(self._cleared)
+            return None if self._given is None else OccupancyGrid.unknown(self._given)
         if self._alone is not None:
             stale = forget_before_ns is not None and grid.stamp_ns < forget_before_ns
             return OccupancyGrid.unknown(grid.spec) if stale else grid
@@ -226,8 +237,37 @@ class WatchedMapper:
         self._mapper = ObstacleMapper(self.segmenter, self.config, mount, self._layers, log_odds)
         self._last_observed, self._alone, self._newest_ns = None, None, 0
         self._heights = None
+        self._bounds, self.too_far = self._new_bounds(log_odds), ""
         if log_odds is not None:
             self._last_observed = LastObserved(log_odds.corner_cell)  # none of it was seen in this run
+
+    def _new_bounds(self, log_odds: LogOddsMap | None) -> Bounds | None:
+        """How large the map may become; None where its size is given, or a window follows the camera."""
+        grid, saved = self.config.grid, None if log_odds is None else log_odds.spec
+        rolling = grid.mode == "log_odds" and self.config.evidence.window_m is not None
+        if rolling or grid.size_m is not None:
+            return None
+        bounds = Bounds(grid.resolution_m)
+        if saved is not None:
+            bounds.begin_with(saved)
+        return bounds
+
+    def _is_near(self, frame: Frame) -> bool:
+        """Whether the map stays one that can be given out with a frame in it; `too_far` says why not.
+
+        The watchdog refuses the first image after a jump of the pose and knows the next ones to be steady: of
+        these the map would grow to gigabytes, or beyond what a grid may be.
+        """
+        pose, config = frame.T_map_camera, self.config
+        why = ""
+        if pose is not None and self._bounds is not None:
+            seen = view_spec(frame.intrinsics, pose, config.cloud.max_range_m, config.grid.resolution_m)
+            try:
+                self._bounds.take_in(frame.name or str(frame.stamp_ns), pose, seen)
+            except InputError as error:
+                why = f"{error}; the service clear begins the map anew where the robot is"
+        self.too_far = why  # at once: another thread reads it
+        return not why
 
     def _step(self, frame: Frame, segmentation: Segmentation) -> StepResult:
         step = self._mapper.integrate(frame, segmentation)

@@ -24,6 +24,22 @@ class Bounds:
     _low_m: tuple[float, float] | None = None
     _high_m: tuple[float, float] = (0.0, 0.0)
     _last_m: tuple[float, float] = (0.0, 0.0)
+    _last: str = "the one before"
+
+    def begin_with(self, saved: GridSpec) -> None:
+        """Take the map that a run goes on from.
+
+        Raises:
+            InputError: if it is too large already.
+        """
+        if saved.width * saved.height > self.max_cells:
+            raise InputError(
+                f"saved map: expected at most {self.max_cells} cells, got {saved.width} x {saved.height}; "
+                "set evidence.window_m, or begin a new map"
+            )
+        x0, x1, y0, y1 = saved.extent_m
+        self._low_m, self._high_m = (x0, y0), (x1, y1)
+        self._last_m, self._last = ((x0 + x1) / 2, (y0 + y1) / 2), "the middle of the saved map"
 
     def take_in(self, name: str, T_map_camera: Pose, seen: GridSpec) -> None:
         """Take what one frame could see.
@@ -40,9 +56,9 @@ class Bounds:
         if cells > self.max_cells:
             moved = float(np.hypot(*(place - self._last_m)))
             raise InputError(
-                f"frame {name} is {moved:.1f} m from the one before, and the map would have {cells} cells, "
+                f"frame {name} is {moved:.1f} m from {self._last}, and the map would have {cells} cells, "
                 f"more than {self.max_cells}: check the poses for a jump, or set a larger "
                 "grid.resolution_m, grid.origin_m with grid.size_m, or evidence.window_m"
             )
         self._low_m, self._high_m = (float(low[0]), float(low[1])), (float(high[0]), float(high[1]))
-        self._last_m = float(place[0]), float(place[1])
+        self._last_m, self._last = (float(place[0]), float(place[1])), "the one before"
