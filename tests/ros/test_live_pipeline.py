@@ -637,3 +637,22 @@ def test_a_robot_far_from_its_saved_map_is_told_so(tmp_path: Path) -> None:
     assert robot.pipeline.given_out(None) is not None
     (told,) = (d.message for d in report.diagnoses if d.fault == "too far")
     assert "from the middle of the saved map" in told
+
+
+def test_when_the_clock_of_all_goes_back_no_pose_is_made_of_two_times() -> None:
+    """By 5 s: more than images may go back, less than transforms are remembered."""
+    robot = one_robot()
+    robot.run([0.1 * i for i in range(80)])
+    robot.frames.clear()
+    for i in range(30, 50):  # the same times again, 50 m aside
+        stamp_ns = START_NS + i * PERIOD_NS
+        robot.now_ns = stamp_ns + LATENCY_NS
+        robot.pose(50.03 + 0.1 * i, stamp_ns + 30 * MS)
+        robot.look("camera", drive.view(robot.rig, "camera", 0.1 * i, i % 20), stamp_ns)
+        robot.work()
+    assert len(robot.frames) > 10
+    offset_m = robot.rig.T_base_camera("camera").position_m[0]
+    for frame in robot.frames:
+        x_m = 50.0 + 1.0 * (frame.stamp_ns - START_NS) / 1e9 + offset_m
+        assert frame.T_map_camera is not None
+        assert frame.T_map_camera.position_m[0] == pytest.approx(x_m, abs=1e-3)

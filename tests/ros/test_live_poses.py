@@ -53,3 +53,59 @@ def test_a_second_parent_off_the_way_takes_no_pose() -> None:
         poses.add_tf(message(transform("left", "tag", ms), transform("right", "tag", ms)))
         poses.add_tf(message(transform("map", "camera", ms)))
     assert poses.lookup("camera", 1050 * MS) is not None
+
+
+def moving(poses: LivePoses, *ms: int, child: str = "base") -> None:
+    for at in ms:
+        poses.add_tf(message(transform("map", child, at, x=at / 1000)))
+
+
+OLD = transform("map", "other", 100)
+NONE_OF_NOW = {
+    "empty": message(),
+    "all stamps 0": message(transform("map", "other", 0)),
+    "older than the memory": message(OLD),
+}
+
+
+@pytest.mark.parametrize("name", NONE_OF_NOW)
+def test_a_message_of_another_time_takes_no_other_edge_away(name: str) -> None:
+    poses = LivePoses(SourceConfig())
+    moving(poses, 50_000, 50_100)
+    poses.add_tf(NONE_OF_NOW[name])
+    pose = poses.lookup("base", 50_050 * MS)
+    assert pose is not None
+    assert pose.position_m[0] == pytest.approx(50.05)
+
+
+def test_a_transform_much_older_than_others_of_its_edge_is_left_out_and_counted() -> None:
+    poses = LivePoses(SourceConfig())
+    moving(poses, 50_000, 50_100)
+    moving(poses, 1000)
+    assert poses.lookup("base", 50_050 * MS) is not None
+    assert poses.lookup("base", 1000 * MS) is None
+    assert poses.refused == {"transform map <- base is older than the newest by more than 10 s": 1}
+
+
+def test_an_edge_whose_times_stay_back_begins_anew_and_no_other() -> None:
+    """As after one stamp of the future, which must not silence the edge for good."""
+    poses = LivePoses(SourceConfig())
+    moving(poses, 50_000, 50_100)
+    moving(poses, 50_000, 50_100, child="other")
+    moving(poses, 90_000)  # one stamp ahead of its time
+    moving(poses, *range(50_200, 51_200, 100))
+    assert poses.lookup("base", 50_950 * MS) is not None
+    assert poses.lookup("other", 50_050 * MS) is not None
+
+
+def test_on_a_new_clock_what_moves_is_forgotten_and_what_stands_stays() -> None:
+    poses = LivePoses(SourceConfig())
+    poses.add_tf_static(message(transform("base", "camera", 0, x=0.2)))
+    moving(poses, 50_000, 50_100)
+    poses.forget_moving()
+    assert poses.lookup("camera", 50_050 * MS) is None
+    moving(poses, 45_000, 45_100)
+    pose = poses.lookup("camera", 45_050 * MS)
+    assert pose is not None
+    assert pose.position_m[0] == pytest.approx(45.25)
+    assert not poses.refused

@@ -249,6 +249,7 @@ class Intake:
             self._newest_ns.clear()
             for each in self.inputs.values():
                 each.restart()
+            self.poses.live.forget_moving()  # or poses of the new times would be made of old transforms
             self._on_new_clock()
         elif newest is not None and stamp <= newest and kind == COLOR:
             self._on_refused_stamp(camera, now_ns)  # the pairing will leave it out

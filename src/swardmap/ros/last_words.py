@@ -16,6 +16,6 @@ def last_words(pipeline: LivePipeline) -> list[str]:
     poses = told["source"].get("poses")
     none = ["poses: none, each frame is a map of its own"] if poses is None else []
     refused = 0 if poses is None else sum(poses["refused"].values())
-    wrong = [f"transforms that are none: {refused}"] if refused else []
+    wrong = [f"transforms left out: {refused}"] if refused else []
     warnings = [f"warning: {text}" for text in told["warnings"]]
     return [f"frames mapped: {mapped or 'none'}", *seen_lines(told), *none, *wrong, *warnings]

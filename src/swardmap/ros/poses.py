@@ -8,17 +8,22 @@ from swardmap.config import SourceConfig
 from swardmap.errors import InputError
 from swardmap.geometry import Pose
 from swardmap.io.bags.pose_facts import pose_facts
-from swardmap.io.bags.ros_messages import stamp_ns, vectors
+from swardmap.io.bags.ros_messages import vectors
 from swardmap.io.bags.tf import TransformBuffer
 from swardmap.io.bags.tf_edge import ALWAYS_NS
-from swardmap.io.bags.tf_messages import add_message
+from swardmap.io.bags.tf_messages import Transform, transforms_of
 
 MAP_FRAME = "map"
 """The frame of the map where nobody says another. A recording may fall back on odom, since all of its tree is
 known; here the part of the tree above odom may yet come, and a map does not change its frame."""
 
 MEMORY_NS = 10_000_000_000
-"""Transforms older than this are forgotten, as tf2 does."""
+"""A transform that is older by more than this than the newest of its own two frames is forgotten, or not
+taken, as in tf2."""
+
+ANEW = 5
+"""So many in a row that are too old begin their edge anew: they are of another clock, or one before them was
+stamped ahead of its time. tf2 would wait until its buffer is cleared."""
 
 
 class LivePoses:
@@ -31,11 +36,10 @@ class LivePoses:
     def __init__(self, config: SourceConfig) -> None:
         self._errors: Counter[str] = Counter()
         self._buffer = TransformBuffer()
-        self._static: dict[str, tuple[str, str, Sequence[float], Sequence[float]]] = {}
         self._map_frame = config.map_frame.strip("/") if config.map_frame else None
         self._base_frame: str | None = None
         self._tolerance_ns = round(config.pose_tolerance_ms * 1e6)
-        self._newest_ns = 0
+        self._too_old: Counter[tuple[str, str]] = Counter()
 
     @property
     def map_frame(self) -> str:
@@ -56,19 +60,17 @@ class LivePoses:
         """Take a nav_msgs/Odometry."""
         self._base_frame = message.child_frame_id.strip("/")
         self._map_frame = self._map_frame or message.header.frame_id.strip("/")
-        add_message(self._buffer, message)
-        self._forget(stamp_ns(message.header.stamp))
+        self._add(message)
 
     def add_tf(self, message: Any) -> None:
         """Take a message of /tf."""
-        add_message(self._buffer, message)
-        self._forget(max((stamp_ns(t.header.stamp) for t in message.transforms), default=0))
+        self._add(message)
 
     def add_tf_static(self, message: Any) -> None:
         """Take a message of /tf_static."""
         for item in message.transforms:
             place, turn = vectors(item.transform.translation, item.transform.rotation)
-            self._add_static(item.header.frame_id, item.child_frame_id, place, turn)
+            self._buffer.add_static(item.header.frame_id, item.child_frame_id, place, turn)
 
     def add_mount(self, base_frame: str, optical_frame: str, T_base_camera: Pose) -> bool:
         """Take where a camera sits from the rig or the configuration, if tf does not say.
@@ -81,7 +83,13 @@ class LivePoses:
         from scipy.spatial.transform import Rotation
 
         turn = Rotation.from_matrix(T_base_camera.matrix[:3, :3]).as_quat()
-        return self._add_static(base_frame, optical_frame, T_base_camera.position_m.tolist(), turn.tolist())
+        place = T_base_camera.position_m.tolist()
+        return self._buffer.add_static(base_frame, optical_frame, place, turn.tolist())
+
+    def forget_moving(self) -> None:
+        """Take that there is a new clock: where frames were by the old one says nothing; mounts stay."""
+        self._buffer.forget_moving()
+        self._too_old.clear()
 
     def knows(self, frame: str) -> bool:
         """Whether a frame was heard of."""
@@ -121,21 +129,27 @@ class LivePoses:
         newest = self._buffer.newest_ns(parent, child)
         return None if newest is None else self._buffer.lookup(parent, child, newest, ALWAYS_NS)
 
-    def _add_static(self, parent: str, child: str, place: Sequence[float], turn: Sequence[float]) -> bool:
-        if not self._buffer.add_static(parent, child, place, turn):
-            return False
-        self._static[child.strip("/")] = parent, child, place, turn
-        return True
+    def _add(self, message: Any) -> None:
+        """Take transforms, each judged by those of the same two frames: others say nothing of its time."""
+        for t in transforms_of(message):
+            if self._is_of_now(t):
+                self._buffer.add(t.parent, t.child, t.stamp_ns, t.translation_m, t.quaternion_xyzw)
+        self._buffer.forget_older(MEMORY_NS)
 
-    def _forget(self, newest_ns: int) -> None:
-        if newest_ns < self._newest_ns - MEMORY_NS:  # the clock went back: what was to come is not true
-            self._errors += self._buffer.faults
-            self._buffer = TransformBuffer()
-            for transform in self._static.values():
-                self._buffer.add_static(*transform)
-            self._newest_ns = newest_ns
-        self._newest_ns = max(self._newest_ns, newest_ns)
-        self._buffer.forget_before(self._newest_ns - MEMORY_NS)
+    def _is_of_now(self, t: Transform) -> bool:
+        edge = t.parent.strip("/"), t.child.strip("/")
+        newest_ns = self._buffer.newest_of(*edge)
+        if newest_ns is None or t.stamp_ns >= newest_ns - MEMORY_NS:
+            self._too_old[edge] = 0
+            return True
+        self._too_old[edge] += 1
+        if self._too_old[edge] >= ANEW:
+            self._buffer.forget_edge(*edge)
+            self._too_old[edge] = 0
+            return True
+        old_s = MEMORY_NS // 10**9
+        self._errors[f"transform {edge[0]} <- {edge[1]} is older than the newest by more than {old_s} s"] += 1
+        return False
 
     def _refuse(self, error: InputError) -> None:
         self._errors[str(error)] += 1

@@ -163,13 +163,42 @@ class TransformBuffer:
             return f"{above} <- {name} has a gap of {gap_ms:.0f} ms at {at:.3f} s"
         return f"tf has no way between '{_name(parent)}' and '{_name(child)}'"
 
+    def newest_of(self, parent: str, child: str) -> int | None:
+        """Time of the newest transform of one edge; None if none came that moves."""
+        edge = self._edges.get(_name(child), {}).get(_name(parent))
+        return edge.samples[-1][0] if edge is not None and edge.samples else None
+
+    def forget_edge(self, parent: str, child: str) -> None:
+        """Drop what came of one edge, but for where it is at all times."""
+        edges = self._edges.get(_name(child), {})
+        edge = edges.pop(_name(parent), None)
+        if edge is not None and edge.static is not None:
+            edges[_name(parent)] = Edge(edge.parent, edge.static)
+        if not edges:
+            self._edges.pop(_name(child), None)
+
+    def forget_moving(self) -> None:
+        """Drop all but where frames are at all times."""
+        for parent, child in [(p, c) for c, edges in self._edges.items() for p in edges]:
+            self.forget_edge(parent, child)
+
+    def forget_older(self, than_ns: int) -> None:
+        """Drop of each edge what is older by more than this than its own newest, as tf2 does.
+
+        A parent that was not told for so long, while another was, is forgotten: the frame has moved to that.
+        """
+        for child, edges in list(self._edges.items()):
+            newest = {parent: edge.samples[-1][0] for parent, edge in edges.items() if edge.samples}
+            for parent, at_ns in newest.items():
+                _drop_before(edges[parent], at_ns - than_ns)
+                if at_ns < max(newest.values()) - than_ns:
+                    self.forget_edge(parent, child)
+
     def forget_before(self, stamp_ns: int) -> None:
         """Drop transforms that no lookup at or after a time can need."""
         for edges in self._edges.values():
             for edge in edges.values():
-                keep_from = bisect_left(edge.samples, stamp_ns, key=stamp_of) - 1
-                if keep_from > 0:
-                    del edge.samples[:keep_from]
+                _drop_before(edge, stamp_ns)
 
     def _edge(
         self, parent: str, child: str, translation_m: Sequence[float], quaternion_xyzw: Sequence[float]
@@ -223,6 +252,13 @@ class TransformBuffer:
                 return None
             pose = step @ pose
         return pose
+
+
+def _drop_before(edge: Edge, stamp_ns: int) -> None:
+    """Drop samples that no lookup at or after a time can need."""
+    keep_from = bisect_left(edge.samples, stamp_ns, key=stamp_of) - 1
+    if keep_from > 0:
+        del edge.samples[:keep_from]
 
 
 def _is_rigid(translation_m: Sequence[float], quaternion_xyzw: Sequence[float]) -> bool:
