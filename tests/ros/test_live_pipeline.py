@@ -656,3 +656,26 @@ def test_when_the_clock_of_all_goes_back_no_pose_is_made_of_two_times() -> None:
         x_m = 50.0 + 1.0 * (frame.stamp_ns - START_NS) / 1e9 + offset_m
         assert frame.T_map_camera is not None
         assert frame.T_map_camera.position_m[0] == pytest.approx(x_m, abs=1e-3)
+
+
+def test_a_base_with_two_parents_in_tf_is_a_lost_pose_and_ends_nothing() -> None:
+    rig = drive.rig_of(ONE)
+    robot = Robot(pipeline_of(parameters({"source": {}}), rig), rig)
+
+    def at(i: int, *parents: str) -> None:
+        stamp_ns = START_NS + i * PERIOD_NS
+        robot.now_ns = stamp_ns + LATENCY_NS
+        for parent in parents:
+            T = Pose(parent, drive.BASE, drive.base_at(0.05 * i).matrix)
+            robot.pipeline.intake.on_tf(drive.transforms([T], stamp_ns), False, robot.now_ns)
+        robot.step(i, 0.05 * i, posed=False)
+
+    for i in range(25):
+        at(i, "map")
+    assert not robot.reports[-1].stop
+    for i in range(25, 40):
+        at(i, "map", "odom")
+    assert robot.reports[-1].stop
+    assert Fault.LOST_POSE in robot.reports[-1].faults("pose")
+    assert "two parents" in str(robot.pipeline.facts["error"])
+    assert any("two parents" in why for why in robot.pipeline.intake.poses.live.refused)

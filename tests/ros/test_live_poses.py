@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from swardmap.config import SourceConfig
+from swardmap.geometry import Pose
 from swardmap.ros.poses import LivePoses
 
 MS = 1_000_000
@@ -109,3 +110,25 @@ def test_on_a_new_clock_what_moves_is_forgotten_and_what_stands_stays() -> None:
     assert pose is not None
     assert pose.position_m[0] == pytest.approx(45.25)
     assert not poses.refused
+
+
+def test_two_parents_on_the_way_are_refused_and_counted() -> None:
+    poses = LivePoses(SourceConfig())
+    poses.add_tf_static(message(transform("base", "camera", 0)))
+    moving(poses, 1000, 1100)
+    poses.add_tf(message(transform("odom", "base", 1100)))
+    assert poses.newest_ns("camera") is None
+    assert poses.between("map", "camera") is None
+    assert poses.lookup("camera", 1050 * MS) is None
+    (said,) = poses.refused
+    assert "'base' has two parents" in said
+    assert not poses.add_mount("map", "camera", Pose.identity("map", "camera"))
+
+
+def test_a_parent_that_is_no_longer_heard_of_is_forgotten() -> None:
+    poses = LivePoses(SourceConfig())
+    poses.add_tf(message(transform("odom", "base", 1000)))
+    moving(poses, 1100, 1200)
+    assert poses.lookup("base", 1150 * MS) is None
+    moving(poses, *range(1300, 11_400, 100))
+    assert poses.lookup("base", 11_250 * MS) is not None

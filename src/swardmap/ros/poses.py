@@ -78,7 +78,11 @@ class LivePoses:
         Returns:
             Whether it was needed.
         """
-        if optical_frame in self._buffer.frames and self._buffer.connected(base_frame, optical_frame):
+        try:
+            if optical_frame in self._buffer.frames and self._buffer.connected(base_frame, optical_frame):
+                return False
+        except InputError as error:
+            self._refuse(error)
             return False
         from scipy.spatial.transform import Rotation
 
@@ -105,6 +109,10 @@ class LivePoses:
 
     def missing(self, frame: str) -> str:
         """Why there is no pose of a frame, for a person."""
+        try:
+            self._buffer.connected(self.map_frame, frame)
+        except InputError as error:
+            return str(error)
         heard = ", ".join(sorted(self._buffer.frames)) or "none"
         return (
             f"no pose of '{frame}' in '{self.map_frame}' at the time of the image; frames heard of: {heard} "
@@ -120,14 +128,21 @@ class LivePoses:
 
     def newest_ns(self, frame: str) -> int | None:
         """Newest time at which a lookup of a frame can succeed; None if never, ALWAYS_NS if nothing moves."""
-        return self._buffer.newest_ns(self.map_frame, frame)
+        return self._newest_between(self.map_frame, frame)
 
     def between(self, parent: str, child: str) -> Pose | None:
-        """T_parent_child of two frames of one camera, which do not move against each other."""
+        """T_parent_child of two frames of one camera, which do not move against each other; or None."""
         if parent == child:
             return Pose.identity(parent, child)
-        newest = self._buffer.newest_ns(parent, child)
+        newest = self._newest_between(parent, child)
         return None if newest is None else self._buffer.lookup(parent, child, newest, ALWAYS_NS)
+
+    def _newest_between(self, parent: str, child: str) -> int | None:
+        try:
+            return self._buffer.newest_ns(parent, child)
+        except InputError as error:  # two parents: a timer asks too, and what leaves it ends the node
+            self._refuse(error)
+            return None
 
     def _add(self, message: Any) -> None:
         """Take transforms, each judged by those of the same two frames: others say nothing of its time."""
