@@ -8,14 +8,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from swardmap.config import SourceConfig
+from swardmap.config import SourceConfig, config_from_dict
 from swardmap.errors import InputError
-from swardmap.geometry import Intrinsics
+from swardmap.geometry import R_BODY_OPTICAL, Intrinsics, Pose
 from swardmap.io.bags.ros_fields import camera_info_fields, image_fields
 from swardmap.io.bags.rosbag import open_source
 from swardmap.io.sources.pairing import COLOR
 from swardmap.io.sources.pairing import DEPTH as DEPTH_KIND
+from swardmap.ros.camera_poses import CameraPoses
 from swardmap.ros.inputs import CameraInput, CameraTopics
+from swardmap.ros.parameters import Parameters
 from swardmap.types import Frame
 from tests import bags
 from tests.lawn_bags import CAMERA, DEPTH, OPTICAL, START_NS, Lawn, T_map_base, millimetres, mount, render
@@ -75,3 +77,28 @@ def test_aligned_depth_with_the_camera_of_the_depth_sensor(tmp_path: Path) -> No
     np.testing.assert_array_equal(frame.depth, seen(CAMERA))
     lawn = Lawn(depth_info=lambda _, *at: camera_info_fields(sensor, *at))
     np.testing.assert_array_equal(frame.depth, recorded(tmp_path, lawn).depth)
+
+
+def test_a_named_optical_frame_does_not_turn_depth_that_shares_the_frame_of_colour() -> None:
+    """Both headers name the body, and the node advises to name the lens. A recording compares headers."""
+    config = config_from_dict({"source": {"camera_frame": "lens"}})
+    poses = CameraPoses(Parameters(config=config), None, ("camera",))
+    T_body_lens = np.eye(4)
+    T_body_lens[:3, :3] = R_BODY_OPTICAL
+    poses.add_tf(drive.transforms([Pose(OPTICAL, "lens", T_body_lens)], 0), static=True)
+    topics = CameraTopics(COLOR_TOPIC, DEPTH, "/camera/color/camera_info", INFO_OF_DEPTH)
+    inputs = CameraInput("camera", topics, config.source)
+    inputs.add_info(COLOR, drive.message(bags.INFO, camera_info_fields(CAMERA, START_NS, OPTICAL)))
+    images: dict[str, NDArray[Any]] = {
+        COLOR: render(CAMERA, (T_map_base(0) @ mount("c")).matrix)[0],
+        DEPTH_KIND: seen(CAMERA),
+    }
+    pairs: list[Any] = []
+    for stamp_ns in (START_NS, START_NS + 10**8):
+        for kind, image in images.items():
+            message = drive.message(bags.IMAGE, image_fields(image, stamp_ns, OPTICAL))
+            pairs += inputs.add_image(kind, message, stamp_ns)
+    view = poses.view_of(pairs[0])
+    assert pairs[0].color_frame == "lens"  # whose pose is asked for
+    assert view is not None
+    np.testing.assert_array_equal(view.matrix, np.eye(4))

@@ -82,8 +82,12 @@ class CameraPoses:
         return self.live.lookup(pair.color_frame, pair.stamp_ns) if added else None
 
     def view_of(self, pair: CameraPair) -> Pose | None:
-        """T_color_depth of a pair; None if tf does not tell."""
-        view = self.live.between(pair.color_frame, pair.depth_frame)
+        """T_color_depth of a pair; None if tf does not tell.
+
+        By what both images say of themselves, as for a recording: that the pose is asked for another frame
+        does not put the two cameras apart.
+        """
+        view = self.live.between(*pair.header_frames)
         return view if view is None or self._axes != "body" else optical_between(view)
 
     def newest_ns(self, frames: Collection[str], now_ns: int) -> int | None:

@@ -134,7 +134,8 @@ class CameraPair:
         stamp_ns: of the colour image.
         arrival_ns: when the later of the two came.
         color, depth: messages.
-        color_frame, depth_frame: their optical frames.
+        color_frame: optical frame whose pose is asked for: `source.camera_frame`, or that of the image.
+        header_frames: of the colour and of the depth image, as they say themselves.
         color_camera, depth_camera: calibrations at that time.
     """
 
@@ -144,7 +145,7 @@ class CameraPair:
     color: Any
     depth: Any
     color_frame: str
-    depth_frame: str
+    header_frames: tuple[str, str]
     color_camera: Calibration
     depth_camera: Calibration
 
@@ -209,15 +210,15 @@ class CameraInput:
         for pair in self._pairer.add(kind, stamp_ns(message.header.stamp), Arrived(message, arrival_ns)):
             self.offsets_ns.append(abs(pair.depth_stamp_ns - pair.stamp_ns))
             color, depth = pair.color.message, pair.depth.message
-            frames = (self._config.camera_frame or color.header.frame_id, depth.header.frame_id)
-            cameras = self._cameras(frames[0] == frames[1])
+            headers = color.header.frame_id.strip("/"), depth.header.frame_id.strip("/")
+            cameras = self._cameras(headers[0] == headers[1])
             if cameras is None:
                 self.without_info += 1
                 continue
             came_ns = max(pair.color.arrival_ns, pair.depth.arrival_ns)
             yield CameraPair(
                 self.name, pair.stamp_ns, came_ns, color, depth,
-                frames[0].strip("/"), frames[1].strip("/"), *cameras,
+                (self._config.camera_frame or headers[0]).strip("/"), headers, *cameras,
             )  # fmt: skip
 
     def build_frame(self, pair: CameraPair, T_map_camera: Pose | None, T_color_depth: Pose | None) -> Frame:
