@@ -679,3 +679,25 @@ def test_a_base_with_two_parents_in_tf_is_a_lost_pose_and_ends_nothing() -> None
     assert Fault.LOST_POSE in robot.reports[-1].faults("pose")
     assert "two parents" in str(robot.pipeline.facts["error"])
     assert any("two parents" in why for why in robot.pipeline.intake.poses.live.refused)
+
+
+def test_a_frame_in_flight_when_the_clock_goes_back_is_not_of_the_new_map(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    robot = one_robot()
+    robot.run([0.05 * i for i in range(5)])
+    build = robot.pipeline.intake.build_frame
+
+    def built(job: Any) -> Frame:
+        frame = build(job)
+        robot.pipeline.clear()  # by another thread, while it was decoded
+        return frame
+
+    with monkeypatch.context() as patch:
+        patch.setattr(robot.pipeline.intake, "build_frame", built)
+        robot.step(5, 0.25)
+    assert robot.pipeline.facts["mapped"] == {"camera": 5}
+    assert snapshot(robot.pipeline) is None or free_cells(robot.pipeline) == 0
+    assert robot.pipeline.mapper._newest_ns == 0
+    robot.step(6, 0.3)
+    assert robot.pipeline.facts["mapped"] == {"camera": 6}

@@ -44,11 +44,16 @@ REASON_PAUSED = "image while the node was paused"
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """Images for the worker; those whose pose never came are looked at, and not mapped."""
+    """Images for the worker; those whose pose never came are looked at, and not mapped.
+
+    Attributes:
+        map_version: of the map that they are for; one begun since does not take them.
+    """
 
     pair: CameraPair
     T_map_camera: Pose | None
     T_color_depth: Pose | None
+    map_version: int
     lost: bool = False
 
 
@@ -60,6 +65,7 @@ class Intake:
         rig: cameras; None = one, by `source` and `mount` of the configuration.
         on_new_clock: called when the clock of a camera went back: all that is known is of another time.
         on_refused_stamp: called with a camera and the time when an image is not newer than the last.
+        map_version: tells which map frames are for now.
 
     Attributes:
         paused: images are left out.
@@ -78,6 +84,7 @@ class Intake:
         rig: Rig | None,
         on_new_clock: Callable[[], None],
         on_refused_stamp: Callable[[str, int], None],
+        map_version: Callable[[], int],
     ) -> None:
         config = parameters.config
         cameras = {ONLY_CAMERA: None} if rig is None else {c.name: c for c in rig.cameras}
@@ -93,6 +100,7 @@ class Intake:
         self.body_frame = self._looks_up = ""
         self.first_image_ns: int | None = None
         self._on_new_clock, self._on_refused_stamp = on_new_clock, on_refused_stamp
+        self._map_version = map_version
         self._skipped: Counter[str] = Counter()
         self._first: dict[str, str] = {}
         self._waiting: deque[CameraPair] = deque()
@@ -240,7 +248,7 @@ class Intake:
         if T_color_depth is not None and np.array_equal(T_color_depth.matrix, np.eye(4)):
             T_color_depth = None
         lost = T_map_camera is None and self.poses.posed
-        self.queue.put(pair.camera, Job(pair, T_map_camera, T_color_depth, lost))
+        self.queue.put(pair.camera, Job(pair, T_map_camera, T_color_depth, self._map_version(), lost))
 
     def _check_clock(self, camera: str, kind: str, stamp: int, now_ns: int) -> None:
         key = f"{camera}/{kind}"

@@ -65,7 +65,7 @@ class LivePipeline:
     def __init__(self, parameters: Parameters, segmenter: Segmenter, rig: Rig | None = None) -> None:
         config = parameters.config
         self.parameters = parameters
-        self.intake = Intake(parameters, rig, self.clear, self._refused_stamp)
+        self.intake = Intake(parameters, rig, self.clear, self._refused_stamp, lambda: self.mapper.version)
         if not self.intake.poses.posed:  # nobody can lose what was never there
             config = replace(config, watchdog=replace(config.watchdog, pose_s=None))
         self.mapper = WatchedMapper(config, segmenter, self.intake.poses.mounts, *_layers_and_map(config))
@@ -132,10 +132,12 @@ class LivePipeline:
                 frame = self.intake.build_frame(job)
             if (recorder := self.recorder) is not None:  # a callback may take it away meanwhile
                 recorder.offer(pair.camera, frame)
+            if job.map_version != self.mapper.version:  # the watchdog has begun anew, too
+                return None
             if job.lost:
                 self.mapper.watch_frame(pair.camera, frame, pair.arrival_ns)
                 return None
-            step = self.mapper.map_frame(pair.camera, frame, pair.arrival_ns)
+            step = self.mapper.map_frame(pair.camera, frame, pair.arrival_ns, job.map_version)
         except SwardmapError as error:
             self.intake.refuse(error)
             return None

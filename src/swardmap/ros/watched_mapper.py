@@ -88,19 +88,33 @@ class WatchedMapper:
         self.viewpoint_m = 0.0, 0.0
         self._begin(log_odds)
 
-    def map_frame(self, camera: str, frame: Frame, arrival_ns: int) -> StepResult | None:
+    @property
+    def version(self) -> int:
+        """How often the map was begun: what was meant for one that was cleared must not go into the next."""
+        return self._version
+
+    def map_frame(
+        self, camera: str, frame: Frame, arrival_ns: int, version: int | None = None
+    ) -> StepResult | None:
         """Watch a frame, segment it, and put it into the map.
 
         Cameras have one clock, but their frames do not come in its order: for the map a frame is as late as
         the newest before it. Its pose is that of its own stamp.
 
+        Args:
+            camera: its name.
+            frame: with its pose.
+            arrival_ns: when it came.
+            version: of the map that it is for, as of when it was queued: while it is decoded and watched that
+                may be cleared. None = the map there is.
+
         Returns:
-            What it gave, with the frame's own stamp; None if it is not fit for the map.
+            What it gave, with the frame's own stamp; None if it is not fit for the map, or that was cleared.
         """
+        version = self._version if version is None else version
         if not self.watch_frame(camera, frame, arrival_ns):
             self.left_out[REASON_UNFIT] += 1
             return None
-        version = self._version
         with self.stages.measured("segment"):
             segmentation = self.segmenter(frame)
         with self._watch_lock:
