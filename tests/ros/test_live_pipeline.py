@@ -24,7 +24,7 @@ from swardmap.monitor.diagnostics import Fault, HealthReport, Severity
 from swardmap.pipeline import ObstacleMapper
 from swardmap.rig.rig import Rig
 from swardmap.ros.live_pipeline import LivePipeline
-from swardmap.ros.parameters import Parameters, parameters_from
+from swardmap.ros.parameters import Parameters, changed, parameters_from
 from swardmap.types import Frame
 from tests.bags import ODOMETRY
 from tests.ros import drive
@@ -701,3 +701,27 @@ def test_a_frame_in_flight_when_the_clock_goes_back_is_not_of_the_new_map(
     assert robot.pipeline.mapper._newest_ns == 0
     robot.step(6, 0.3)
     assert robot.pipeline.facts["mapped"] == {"camera": 6}
+
+
+def test_the_filter_of_flying_pixels_changes_for_depth_that_the_node_aligns() -> None:
+    robot = one_robot({"cloud": {"consistent_neighbours": 0}})
+    camera = robot.pipeline.intake.inputs["camera"]
+    pairs: list[Any] = []
+    for i in range(2):  # depth seen from 1 cm aside is rendered into the colour image
+        frame = drive.view(robot.rig, "camera", 0.0, i)
+        for topic, (kind, fields) in drive.camera_fields(frame, "camera", START_NS + i).items():
+            which, what = topic.split("/")
+            message = drive.message(kind, fields)
+            if what == "camera_info":
+                camera.add_info(which, message)
+            else:
+                pairs += camera.add_image(which, message, START_NS + i)
+    aside = np.eye(4)
+    aside[0, 3] = 0.01
+    T_color_depth = Pose("color", "depth", aside)
+    before = camera.build_frame(pairs[0], None, T_color_depth)
+    robot.pipeline.configure(changed(robot.pipeline.parameters, {"cloud.consistent_neighbours": 8}, True))
+    after = camera.build_frame(pairs[0], None, T_color_depth)
+    assert not before.depth_filtered
+    assert after.depth_filtered
+    assert np.count_nonzero(after.depth) < np.count_nonzero(before.depth)

@@ -188,6 +188,10 @@ class CameraInput:
         """Whether the depth topic says of itself that it is in the pixels of the colour image."""
         return self._depth.aligned
 
+    def configure(self, cloud: CloudConfig) -> None:
+        """Filter flying pixels by other settings from the next frame on."""
+        self._view.cloud = cloud
+
     def restart(self) -> None:
         """The clock of the camera went back: what came before it cannot be paired."""
         self._pairer = self._new_pairer()

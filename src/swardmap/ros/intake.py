@@ -129,6 +129,12 @@ class Intake:
             told = {**camera.first, **told}
         return told
 
+    def configure(self, parameters: Parameters) -> None:
+        """Go on with other parameters."""
+        self.parameters = parameters
+        for each in self.inputs.values():
+            each.configure(parameters.config.cloud)
+
     def on_info(self, camera: str, kind: str, message: Any) -> None:
         """Take a CameraInfo."""
         try:

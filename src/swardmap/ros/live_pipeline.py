@@ -119,7 +119,8 @@ class LivePipeline:
     def configure(self, parameters: Parameters) -> None:
         """Go on with other parameters; those that the map is built on must be as they were."""
         self.mapper.configure(parameters.config)
-        self.parameters = self.intake.parameters = parameters
+        self.intake.configure(parameters)
+        self.parameters = parameters
 
     def process(self, timeout_s: float) -> Mapped | None:
         """Map the next frame (the worker); None if none came, or it cannot be used."""

@@ -68,10 +68,10 @@ class DepthView:
         """
         if self.stride is None:
             self.stride = grid_stride(depth)
-        stride = self.stride or 1
-        filtered = (T_color_depth is not None or stride > 1) and self.cloud.consistent_neighbours > 0
+        stride, cloud = self.stride or 1, self.cloud  # another thread may set it
+        filtered = (T_color_depth is not None or stride > 1) and cloud.consistent_neighbours > 0
         if filtered:
-            depth = without_flying_pixels(depth, self.unit_m, self.cloud, stride)
+            depth = without_flying_pixels(depth, self.unit_m, cloud, stride)
         depth = camera.rectify_depth(depth)
         if T_color_depth is not None:
             depth = align_depth_to_color(depth, self.unit_m, camera.intrinsics, color, T_color_depth)
