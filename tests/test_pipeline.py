@@ -2,12 +2,13 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from swardmap.config import CloudConfig, Config, GridConfig, MountConfig, config_from_dict
-from swardmap.errors import InputError, InvalidValueError
+from swardmap.errors import ConfigError, InputError, InvalidValueError
 from swardmap.geometry import Intrinsics, Pose, mount_pose
 from swardmap.grid import GridSpec, overlap
 from swardmap.labels import GRASS_OBSTACLE_PERSON, LabelSet, MapClass
@@ -178,3 +179,44 @@ def test_a_blind_or_saturated_camera_maps_nothing(spoil: Callable[[np.ndarray], 
     assert step.counts.used == 0
     assert mapper.map is None
     assert step.seen.count(MapClass.GRASS) == 0
+
+
+class Painted:
+    """All of one class."""
+
+    name = "painted"
+    label_set: LabelSet = GRASS_OBSTACLE_PERSON
+
+    def __init__(self) -> None:
+        self.label = 0
+
+    def __call__(self, frame: Frame) -> Segmentation:
+        return Segmentation(np.full(frame.depth.shape, self.label, np.uint8), self.label_set)
+
+
+@pytest.mark.parametrize(("before", "after"), [(1, 200), (200, 1)])
+def test_frames_to_clear_take_effect_when_they_change(before: int, after: int) -> None:
+    config = config_from_dict({"grid": {"obstacle_clear_frames": before}, "geometry": {"enabled": False}})
+    painted, frames = Painted(), list(source(2))
+    mapper = ObstacleMapper(painted, config)
+    mapper.step(frames[0])
+    mapper.reconfigure(replace(config, grid=replace(config.grid, obstacle_clear_frames=after)))
+    painted.label = 1
+    seen = mapper.step(replace(frames[0], stamp_ns=frames[1].stamp_ns)).seen
+    assert mapper.map is not None
+    here, there = overlap(seen.spec, mapper.map.spec)
+    cleared = mapper.map.classes[there][seen.classes[here] == MapClass.GRASS] == MapClass.GRASS
+    assert cleared.size > 100
+    assert cleared.all() if after == 1 else not cleared.any()
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [{"grid": {"min_grass_points": 3}}, {"evidence": {"mark_at": 0.3}}, {"cloud": {"min_height_m": -0.4}}],
+)
+def test_what_the_evidence_is_built_on_is_refused(settings: dict[str, Any]) -> None:
+    mode: dict[str, Any] = {"grid": {"mode": "log_odds"}}
+    mapper = ObstacleMapper(Truth(), config_from_dict(mode))
+    grid = {**mode["grid"], **settings.get("grid", {})}
+    with pytest.raises(ConfigError, match="clear the map first"):
+        mapper.reconfigure(config_from_dict({**settings, "grid": grid}))

@@ -221,13 +221,21 @@ class ObstacleMapper:
         """Go on with other settings.
 
         Raises:
-            ConfigError: for another mode or other cells, which the map so far is built on.
+            ConfigError: for another mode or other cells, or other evidence of log-odds: what the map so far
+                is built on.
         """
         old, new = self.config.grid, config.grid
         if (old.mode, old.resolution_m, old.origin_m, old.size_m) != (
             new.mode, new.resolution_m, new.origin_m, new.size_m
         ):  # fmt: skip
             raise ConfigError("grid: expected mode and cells as the map was begun with; clear the map first")
+        if old.mode == "log_odds" and _evidence_of(self.config) != _evidence_of(config):
+            raise ConfigError(
+                "grid: expected evidence, min_points, min_grass_points and cloud.min_height_m as the map of "
+                "log-odds was begun with; clear the map first"
+            )
+        if isinstance(self._map, LastSeenMap):
+            self._map.reconfigure(new)
         self.config = config
 
     @property
@@ -289,6 +297,11 @@ def new_map(config: Config, frame_id: str) -> LastSeenMap | LogOddsMap:
     if config.grid.mode == "log_odds":
         return LogOddsMap(config.grid, config.evidence, config.cloud.min_height_m, frame_id)
     return LastSeenMap(config.grid, frame_id)
+
+
+def _evidence_of(config: Config) -> tuple[object, ...]:
+    """What a map of log-odds takes when it is begun."""
+    return config.evidence, config.grid.min_points, config.grid.min_grass_points, config.cloud.min_height_m
 
 
 def view_spec(

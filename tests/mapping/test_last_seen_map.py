@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -126,3 +127,22 @@ def test_the_map_given_out_is_a_copy() -> None:
     assert second is not None
     first.classes[:] = MapClass.GRASS
     assert second.count(MapClass.OBSTACLE) == 1
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "doubtful", "left"),
+    [(8, 2, 2, MapClass.UNKNOWN), (2, 8, 2, MapClass.GRASS), (8, 2, 1, MapClass.GRASS)],
+)
+def test_points_of_doubt_follow_the_points_that_clear(
+    before: int, after: int, doubtful: int, left: MapClass
+) -> None:
+    grid = GridConfig(resolution_m=R, origin_m=(0, 0), size_m=(R, R), min_grass_points=before)
+    mapper = LastSeenMap(grid)
+    mapper.integrate(seen([[MapClass.GRASS]]))
+    mapper.reconfigure(replace(grid, min_grass_points=after))
+    points = np.zeros((1, 1, 4), np.uint32)
+    points[..., MapClass.UNKNOWN] = doubtful
+    ground = Ground(np.zeros(3), np.zeros(2, np.float32), np.zeros(2, np.float32))
+    mapper.integrate(replace(seen([[0]]), points=points, ground=ground))
+    assert mapper.grid is not None
+    assert mapper.grid.classes.tolist() == [[left]]

@@ -41,15 +41,19 @@ class LastSeenMap:
     """
 
     def __init__(self, config: GridConfig, frame_id: str = "map") -> None:
-        self._frames_to_clear = np.array(
-            [1, 1, config.obstacle_clear_frames, config.person_clear_frames], np.uint8
-        )
-        self._points_of_doubt = min(POINTS_OF_DOUBT, config.min_grass_points)
+        self.reconfigure(config)
         self._fixed = fixed_spec(config, frame_id)
         self._lattice = Lattice(lattice_corner(config, frame_id))
         self._tiles: dict[TileKey, _Cells] = {}
         self._extent: tuple[int, int, int, int] | None = None
         self._stamp_ns = 0
+
+    def reconfigure(self, config: GridConfig) -> None:
+        """Judge frames from now on by other evidence; what is known stays, and so do cells and extent."""
+        self._frames_to_clear = np.array(
+            [1, 1, config.obstacle_clear_frames, config.person_clear_frames], np.uint8
+        )
+        self._points_of_doubt = min(POINTS_OF_DOUBT, config.min_grass_points)
 
     def integrate(self, seen: Observation) -> None:
         """Update the map with what one frame has seen; `seen` must be on this map's lattice."""
