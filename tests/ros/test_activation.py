@@ -60,6 +60,34 @@ def given_out(robot: RobotNode, monkeypatch: pytest.MonkeyPatch) -> ObstacleMapp
     return mapper
 
 
+def test_threads_of_an_activation_end_with_it_and_do_not_come_back(robot: RobotNode) -> None:
+    first = list(robot._threads)
+    assert len(first) == 2
+    robot.node.trigger_deactivate()
+    robot.node.trigger_activate()
+    for thread in first:
+        thread.join(timeout=6.0)  # longer than a map takes to be due again
+    assert not [thread for thread in first if thread.is_alive()]
+    assert all(thread.is_alive() for thread in robot._threads)
+
+
+def test_a_map_that_a_thread_of_before_still_makes_is_not_published(
+    robot: RobotNode, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It would come after the last word, and call free what nobody looks at any more."""
+    given_out(robot, monkeypatch)
+    ended, maps = robot._ended, published(robot, monkeypatch)
+    robot.node.trigger_deactivate()
+    assert maps, "the last word"
+    maps.clear()
+    assert robot.pipeline is not None
+    assert robot._outputs is not None
+    robot._publish_map(robot.pipeline, robot._outputs, ended=ended)
+    assert not maps
+    robot._publish_map(robot.pipeline, robot._outputs)
+    assert maps, "of one that has not ended it is"
+
+
 def test_the_last_map_is_sent_even_if_the_grid_cannot_be_made(
     robot: RobotNode, monkeypatch: pytest.MonkeyPatch
 ) -> None:

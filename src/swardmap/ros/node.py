@@ -51,6 +51,7 @@ class RobotNode:
         self.pipeline: LivePipeline | None = None
         self._types = find_types()
         self._active = threading.Event()
+        self._ended = threading.Event()
         self._outputs: Outputs | None = None
         self._threads: list[threading.Thread] = []
         self._held: list[Callable[[], object]] = []
@@ -150,10 +151,13 @@ class RobotNode:
         assert self.pipeline is not None  # noqa: S101 - it is made when the node is configured
         self.pipeline.begin()
         self._active.set()
+        self._ended = (
+            threading.Event()
+        )  # of this activation alone: a thread that outlives it must not come back
         if self._types["bond"] is not None:
             self._bond = Bond(self.node, self._types["bond"])
         for target in (self._map_frames, self._publish_maps):
-            thread = threading.Thread(target=self._guarded, args=(target,), daemon=True)
+            thread = threading.Thread(target=self._guarded, args=(target, self._ended), daemon=True)
             self._threads.append(thread)
             thread.start()
 
@@ -161,6 +165,7 @@ class RobotNode:
         if not self._active.is_set():
             return
         self._active.clear()
+        self._ended.set()
         if self._bond is not None:
             self._bond.break_()
             self._bond = None
@@ -233,20 +238,20 @@ class RobotNode:
             else:
                 self.log.info(text)
 
-    def _guarded(self, target: Callable[[], None]) -> None:
+    def _guarded(self, target: Callable[[threading.Event], None], ended: threading.Event) -> None:
         """A thread that fails says so: from then on the flag is stop and the map turns unknown."""
         try:
-            target()
+            target(ended)
         except Exception:  # noqa: BLE001 - a thread has nobody above it; it is logged, and the robot stops
             self.log.fatal(traceback.format_exc())
-            if self.pipeline is not None:
+            if self.pipeline is not None and not ended.is_set():
                 self.pipeline.fail(traceback.format_exc(limit=1).strip().splitlines()[-1])
 
-    def _map_frames(self) -> None:
+    def _map_frames(self, ended: threading.Event) -> None:
         pipeline, outputs = self.pipeline, self._outputs
-        while pipeline is not None and outputs is not None and self._active.is_set():
+        while pipeline is not None and outputs is not None and not ended.is_set():
             mapped = pipeline.process(WORKER_WAITS_S)
-            if mapped is not None:
+            if mapped is not None and not ended.is_set():
                 pipeline.mapped(mapped, self._now_ns())
                 node = pipeline.parameters.node
                 with pipeline.stages.measured("publish"):
@@ -254,19 +259,27 @@ class RobotNode:
                         mapped, pipeline.mapper.config, node.cloud_stride, node.organised_cloud
                     )
 
-    def _publish_maps(self) -> None:
+    def _publish_maps(self, ended: threading.Event) -> None:
         pipeline, outputs = self.pipeline, self._outputs
-        while pipeline is not None and outputs is not None and self._active.is_set():
+        while pipeline is not None and outputs is not None and not ended.is_set():
             with pipeline.stages.measured("maps"):
-                self._publish_map(pipeline, outputs)
-            time.sleep(1 / pipeline.parameters.node.map_rate_hz)
+                self._publish_map(pipeline, outputs, ended=ended)
+            ended.wait(1 / pipeline.parameters.node.map_rate_hz)
 
-    def _publish_map(self, pipeline: LivePipeline, outputs: Outputs, nothing_free: bool = False) -> None:
+    def _publish_map(
+        self,
+        pipeline: LivePipeline,
+        outputs: Outputs,
+        nothing_free: bool = False,
+        ended: threading.Event | None = None,
+    ) -> None:
         report = pipeline.report
         forget_ns = 2**62 if nothing_free else None if report is None else report.forget_before_ns
         grid = pipeline.given_out(forget_ns, nothing_free)
         if grid is not None:
             costmap = pipeline.mapper.costmap(grid)
+            if ended is not None and ended.is_set():  # it took long: the last word has been said
+                return
             node = pipeline.parameters.node
             full_s = 0.0 if nothing_free else node.full_map_s  # who comes later is given the last whole one
             outputs.publish_map(grid, costmap, time.monotonic(), full_s)
