@@ -17,15 +17,20 @@ from swardmap.config import SourceConfig, config_from_dict
 from swardmap.errors import ConfigError, InputError, InvalidValueError, OutputError
 from swardmap.eval import dataset as dataset_module
 from swardmap.eval.compare import compare_runs
+from swardmap.eval.confusion import confusion_of_masks
 from swardmap.eval.dataset import DatasetSpec, count_frames, read_frames
-from swardmap.eval.frame import Plan, evaluate_part, pose_of
+from swardmap.eval.frame import Plan, compare_again, evaluate_frame, evaluate_part, pose_of, scored_mask
+from swardmap.eval.maps import compare_maps
+from swardmap.eval.protocols import at_resolution
 from swardmap.eval.results import results
 from swardmap.eval.run import evaluate, make_plan, parts_of, read_plan, read_records
 from swardmap.geometry import Pose
+from swardmap.labels import MapClass
 from swardmap.perception.ground_plane import estimate_mount
+from swardmap.pipeline import ObstacleMapper
 from swardmap.synth.analytic import AnalyticSource, lane_poses
 from swardmap.synth.analytic_source import AnalyticGardens
-from swardmap.types import Frame
+from swardmap.types import Frame, Segmentation, nearest_indices
 
 TRUTH = config_from_dict({"segmenter": {"name": "truth"}})
 COLOUR = config_from_dict({"segmenter": {"name": "colour"}})
@@ -115,6 +120,48 @@ def test_the_mount_is_not_measured_by_true_labels(monkeypatch: pytest.MonkeyPatc
     (frame,) = AnalyticGardens("analytic:scenes=1,frames=1,width=96,noise=0", SourceConfig())
     pose_of(small_plan(), replace(frame, T_map_camera=None))
     assert seen == [False]
+
+
+class Doubtful:
+    """True labels with a confidence of 0.5 or 0.9 in patches, and 0.4 P(obstacle) where it is low."""
+
+    name = "doubtful"
+
+    def __call__(self, frame: Frame) -> Segmentation:
+        assert frame.labels is not None
+        assert frame.label_set is not None
+        patches = np.random.default_rng(3).random((6, 8)) < 0.5
+        rows, columns = (nearest_indices(n, m) for n, m in zip(frame.labels.shape, (6, 8), strict=True))
+        low = patches[rows[:, None], columns]
+        confidence = np.where(low, np.float32(0.5), np.float32(0.9))
+        hazard = np.where(low, np.uint8(102), np.uint8(0))
+        return Segmentation(frame.labels, frame.label_set, confidence, hazard)
+
+
+@pytest.mark.parametrize("min_confidence", [0.0, 0.7])
+def test_the_map_that_is_judged_is_the_one_that_the_robot_makes(min_confidence: float) -> None:
+    """Grass that is not sure keeps its cells from clearing: left out, it would let them be cleared."""
+    config = config_from_dict({"segmenter": {"name": "truth", "min_confidence": min_confidence}})
+    plan = make_plan(
+        DatasetSpec(GARDENS), config, resolutions_m=(0.1,), protocols=("dense",), with_budget=False
+    )
+    (numbered,) = read_frames(plan.dataset, 2, 3)
+    frame, doubtful = numbered.frame, Doubtful()
+    assert frame is not None
+    robot = ObstacleMapper(doubtful, at_resolution(config, 0.1)).step(frame)
+    mask, found = compare_again(plan, frame, numbered.clean, doubtful, numbered.truth)
+    assert found.predicted.spec == robot.seen.spec
+    assert np.array_equal(found.predicted.classes, robot.seen.classes)
+    assert (robot.seen.classes == MapClass.GRASS).any()
+    record = evaluate_frame(plan, numbered, doubtful)
+    assert (
+        record["maps"]["dense@0.1"]
+        == compare_maps(found.reference, robot.seen, pose_of(plan, frame).position_m[:2]).tally.to_dict()
+    )
+    scored = scored_mask(plan, mask)
+    assert np.array_equal(scored.labels, robot.segmentation.labels)
+    expected = confusion_of_masks(frame.labels, scored.labels, scored.label_set).to_dict()
+    assert record["mask"] == expected, "void where it is not sure"
 
 
 def test_two_networks_of_one_name_are_two_plans(tmp_path: Path) -> None:

@@ -31,7 +31,7 @@ from swardmap.runs.versions import segmenter_title
 from swardmap.segmenter import Segmenter
 from swardmap.types import Frame, Segmentation
 
-FORMAT = 2
+FORMAT = 3
 """Raised when records change their meaning: shards of another format are not taken up again."""
 
 
@@ -174,8 +174,8 @@ def evaluate_frame(
     frame = numbered.frame
     if frame is None or frame.labels is None or frame.label_set is None:
         raise InputError(f"frame {numbered.index}: expected a frame with true labels, got none")
-    segmentation = segmenter(frame).confident(plan.config.segmenter.min_confidence)
-    truth, called = aligned_masks(frame.labels, frame.label_set, segmentation)
+    segmentation = segmenter(frame)
+    truth, called = aligned_masks(frame.labels, frame.label_set, scored_mask(plan, segmentation))
     pose = pose_of(plan, frame)
     maps, missed, made = {}, [], FrameMaps(numbered.truth)
     for protocol in plan.protocols:
@@ -224,11 +224,19 @@ def safety_of(
     return tally + SafetyTally(plan.margin_m, {}, left_out)
 
 
+def scored_mask(plan: Plan, segmentation: Segmentation) -> Segmentation:
+    """The mask that is scored and shown: grass that is not sure is void.
+
+    Maps take the mask as the segmenter gave it: there such pixels are in doubt, and keep cells from clearing.
+    """
+    return segmentation.confident(plan.config.segmenter.min_confidence)
+
+
 def compare_again(
     plan: Plan, frame: Frame, clean: Frame | None, segmenter: Segmenter, truth: FrameTruth | None = None
 ) -> tuple[Segmentation, MapComparison]:
-    """The main comparison of a frame once more, for pictures."""
-    segmentation = segmenter(frame).confident(plan.config.segmenter.min_confidence)
+    """The main comparison of a frame once more, for pictures, with the mask as the segmenter gave it."""
+    segmentation = segmenter(frame)
     config = at_resolution(plan.config, plan.resolutions_m[0])
     pose, protocol = pose_of(plan, frame), plan.protocols[0]
     made = FrameMaps(truth)

@@ -12,7 +12,7 @@ import numpy as np
 from swardmap.errors import SwardmapError
 from swardmap.eval.cost import squared_distance
 from swardmap.eval.dataset import read_frames
-from swardmap.eval.frame import Plan, compare_again, pose_of, segmenter_of
+from swardmap.eval.frame import Plan, compare_again, pose_of, scored_mask, segmenter_of
 from swardmap.eval.frame_maps import FrameMaps
 from swardmap.eval.maps import MapComparison, compare_frame
 from swardmap.eval.protocols import at_resolution
@@ -99,7 +99,8 @@ def look_again(plan: Plan, index: int) -> FrameAgain | None:
     except SwardmapError:
         return None
     name = frame.name or str(index)
-    return FrameAgain(name, frame, pose, segmentation, comparison, tuple(seen_things(found, things, pose)))
+    mask = scored_mask(plan, segmentation)
+    return FrameAgain(name, frame, pose, mask, comparison, tuple(seen_things(found, things, pose)))
 
 
 def seen_things(
