@@ -224,7 +224,7 @@ def test_on_any_ground_the_clouds_are_those_of_level_ground(slope_deg: float, z_
     for each in (frame, tilted):
         step = ObstacleMapper(open_segmenter(config.segmenter, frame.label_set), config).step(each)
         seen = seen_in(step, config)
-        clouds = (cloud_fields(*seen, AT, MapClass.OBSTACLE), ground_fields(*seen, AT))
+        clouds = (cloud_fields(*seen, AT, MapClass.OBSTACLE), ground_fields(step, config.cloud, AT))
         found.append([len(read(fields)[1]) for fields in clouds])
     (obstacles, lawn), (obstacles_on_hill, lawn_on_hill) = found
     assert obstacles > 20
@@ -236,15 +236,46 @@ def test_on_any_ground_the_clouds_are_those_of_level_ground(slope_deg: float, z_
 def test_only_lawn_near_the_ground_clears() -> None:
     config = config_from_dict({"geometry": {"enabled": True}})
     step = garden_step(config)
-    _, xyz, labels = read(ground_fields(*seen_in(step, config), AT))
+    _, xyz, labels = read(ground_fields(step, config.cloud, AT))
     assert (step.segmentation.label_set.map_class_table[labels] == MapClass.GRASS).all()
     a, b, c, d = height_row(step)
     heights = a * xyz[:, 0] + b * xyz[:, 1] + c * xyz[:, 2] + d
     assert len(heights) > 500
     assert heights.max() <= CLEARS_BELOW_M + 1e-5
     assert heights.min() >= config.cloud.min_height_m - 1e-5
-    _, none, _ = read(ground_fields(*seen_in(step, config), AT, grounded=False))
+    groundless = replace(step, observation=replace(step.observation, ground=None))
+    _, none, _ = read(ground_fields(groundless, config.cloud, AT))
     assert len(none) == 0  # where no ground is known nothing is near it
+
+
+@pytest.mark.parametrize("stride", [1, 3])
+@pytest.mark.parametrize("hazard", [0.0, 0.45])
+def test_only_pixels_of_cells_that_the_map_clears_are_lawn_that_clears(hazard: float, stride: int) -> None:
+    """A doubtful pixel never clears a cell: of the map, nor of Nav2's obstacle layer."""
+    config = config_from_dict({"cloud": {"consistent_neighbours": 0}})
+    frame = render(garden_scene(0), SMALL, lane_poses(1)[0])
+    assert frame.labels is not None
+    doubtful = np.zeros(frame.labels.shape, np.uint8)
+    doubtful[:, 40:] = round(255 * hazard)  # the right half
+    mask = Segmentation(np.ones_like(frame.labels), GRASS_OBSTACLE_PERSON, None, doubtful)
+    step = ObstacleMapper(open_segmenter(config.segmenter, frame.label_set), config).integrate(frame, mask)
+    by_depth = step.observation.by_geometry
+    assert by_depth is not None
+    assert by_depth.any(), "some of what is called grass stands above the ground"
+    _, xyz, _ = read(ground_fields(step, config.cloud, AT, stride))
+    in_map = Pose("map", "optical", step.T_map_camera.matrix).apply(xyz)
+    spec = step.seen.spec
+    cells = spec.cell_of(in_map[:, :2])
+    called = step.seen.classes[cells[:, 1], cells[:, 0]]
+    assert (called != MapClass.GRASS).mean() < 0.002  # at borders of cells, by float32 in another order
+    columns = np.rint(57.5 * xyz[:, 0] / xyz[:, 2] + 39.5)
+    assert (columns < 40).sum() > 500 / stride**2
+    assert (columns >= 44).any() == (hazard == 0.0)  # a cell of the border has pixels of both halves
+    cleared = np.zeros(spec.shape, bool)
+    cleared[cells[:, 1], cells[:, 0]] = True
+    if stride == 1:  # and nothing is left out that the map clears, up to 0.15 m
+        wanted = step.seen.classes == MapClass.GRASS
+        assert (wanted & ~cleared).sum() <= 0.02 * wanted.sum()
 
 
 def test_obstacle_cells_lie_at_the_height_of_the_robot() -> None:

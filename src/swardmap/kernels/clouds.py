@@ -15,8 +15,35 @@ def _class_row(mask, columns, table, classes):  # type: ignore[no-untyped-def]
 
 
 @compiled()
+def _in_cells(x, y, z, T, per_metre, allowed):  # type: ignore[no-untyped-def]
+    """Whether a point of the camera falls into one of some cells; found as `kernels.place` finds them."""
+    gx = (T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]) * per_metre
+    gy = (T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]) * per_metre
+    zero, n_x, n_y = np.float32(0), np.float32(allowed.shape[1]), np.float32(allowed.shape[0])
+    inside = (gx >= zero) & (gy >= zero) & (gx < n_x) & (gy < n_y)
+    return inside and allowed[np.int32(gy), np.int32(gx)]
+
+
+@compiled()
 def collect_points(  # type: ignore[no-untyped-def]
-    depth, unit_m, mask, rows, columns, table, ray_x, ray_y, up, limits, needed, lowest, stride, xyz, labels
+    depth,
+    unit_m,
+    mask,
+    rows,
+    columns,
+    table,
+    ray_x,
+    ray_y,
+    up,
+    limits,
+    needed,
+    lowest,
+    stride,
+    T,
+    per_metre,
+    allowed,
+    xyz,
+    labels,
 ):
     """Write the pixels that count, one after another.
 
@@ -34,6 +61,9 @@ def collect_points(  # type: ignore[no-untyped-def]
         needed: neighbours that must agree; 0 = no filter.
         lowest: pixels of a smaller MapClass are left out.
         stride: only every n-th row and column.
+        T: (2, 4) float32, first rows of T_grid_camera; as `kernels.place` finds the cell of a pixel.
+        per_metre: float32 cells a metre.
+        allowed: (height, width) bool, cells whose pixels are taken; of no size: all are, wherever they fall.
         xyz: (N, 3) float32, N large enough; gets x, y, z in the optical frame.
         labels: (N,) uint32; gets mask ids.
 
@@ -46,6 +76,7 @@ def collect_points(  # type: ignore[no-untyped-def]
     keep = np.ones(W, np.int32)
     classes = np.zeros(W, np.int32)
     mask_row, count = -1, 0
+    by_cell = allowed.size > 0
     depth_row(depth[0], unit_m, near, far, z_rows[0])
     for v in range(H):
         above, here, below = z_rows[(v + 2) % 3], z_rows[v % 3], z_rows[(v + 1) % 3]
@@ -66,6 +97,8 @@ def collect_points(  # type: ignore[no-untyped-def]
                 x, y = z * ray_x[u], z * ray_y[v]
                 height = up[0] * x + up[1] * y + up[2] * z + up[3]
                 if (height >= floor_m) & (height <= ceiling_m):
+                    if by_cell and not _in_cells(x, y, z, T, per_metre, allowed):
+                        continue
                     xyz[count, 0], xyz[count, 1], xyz[count, 2] = x, y, z
                     labels[count] = mask[mask_row, columns[u]]
                     count += 1

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swardmap.config import CloudConfig
-from swardmap.geometry import deproject
+from swardmap.geometry import Pose, deproject
 from swardmap.grid import OccupancyGrid
 from swardmap.io.bags.ros_fields import POINT, Fields, packed_cloud_fields, point_cloud_fields
 from swardmap.labels import VOID_ID, LabelSet, MapClass
@@ -124,35 +124,47 @@ def cloud_fields(
     return packed_cloud_fields(points, *stamped)
 
 
-def ground_fields(
-    frame: Frame,
-    segmentation: Segmentation,
-    height_row: NDArray[np.float32],
-    config: CloudConfig,
-    stamped: tuple[int, str],
-    stride: int = 1,
-    grounded: bool = True,
-) -> Fields:
+def ground_fields(step: StepResult, config: CloudConfig, stamped: tuple[int, str], stride: int = 1) -> Fields:
     """sensor_msgs/PointCloud2, x y z label, of lawn near the ground: what an obstacle layer may clear by.
 
-    Points that the network calls free, not higher than `CLEARS_BELOW_M`: rays to higher ones pass over what
-    is low. Nav2 knows heights above the map's z = 0 alone, so they are judged here.
+    Points that the network calls free, in cells that this view clears in the map, not higher than
+    `CLEARS_BELOW_M`: rays to higher ones pass over what is low. Nav2 knows no doubt, and heights above the
+    map's z = 0 alone, so both are judged here. Where no ground is known there is no point.
 
     Args:
-        frame: as the others, of `cloud_fields`.
-        segmentation: its mask.
-        height_row: see the function of that name.
+        step: of the frame.
         config: limits.
         stamped: stamp of the colour image and its optical frame.
         stride: only every n-th row and column.
-        grounded: whether the ground is known; else nothing may be cleared, and no point is near it.
     """
-    if not grounded:
+    seen, mask = step.observation, step.segmentation
+    if seen.ground is None:
         return packed_cloud_fields(np.zeros(0, POINT), *stamped)
     heights_m = config.min_height_m, min(CLEARS_BELOW_M, config.max_height_m)
-    points = _points(frame, segmentation, height_row, config, heights_m, MapClass.GRASS, stride)
-    lawn = segmentation.label_set.map_class_table[points["label"]] == MapClass.GRASS
+    T_grid_camera = seen.spec.T_grid_map @ step.T_map_camera
+    cleared = Cells(T_grid_camera, seen.spec.resolution_m, seen.classes == MapClass.GRASS)
+    points = _points(step.frame, mask, height_row(step), config, heights_m, MapClass.GRASS, stride, cleared)
+    lawn = mask.label_set.map_class_table[points["label"]] == MapClass.GRASS
     return packed_cloud_fields(points[lawn], *stamped)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cells:
+    """Some cells of a grid that a camera looks at.
+
+    Attributes:
+        T_grid_camera: pose of the camera in the grid.
+        resolution_m: edge of a cell.
+        chosen: (height, width) bool.
+    """
+
+    T_grid_camera: Pose
+    resolution_m: float
+    chosen: NDArray[np.bool_]
+
+
+EVERYWHERE = Cells(Pose("grid", "camera", np.eye(4)), 1.0, np.zeros((0, 0), np.bool_))
+"""No cell is asked for: points count wherever they fall."""
 
 
 def _points(
@@ -163,8 +175,9 @@ def _points(
     heights_m: tuple[float, float],
     lowest: MapClass,
     stride: int,
+    cells: Cells = EVERYWHERE,
 ) -> NDArray[np.void]:
-    """(N,) of POINT: pixels of at least a class, in range, between two heights."""
+    """(N,) of POINT: pixels of at least a class, in range, between two heights, in some cells."""
     from swardmap.kernels.clouds import collect_points
 
     depth, mask = frame.depth, segmentation.labels
@@ -184,7 +197,9 @@ def _points(
         depth, np.float32(frame.depth_unit_m), mask,
         nearest_indices(depth.shape[0], mask.shape[0]), nearest_indices(depth.shape[1], mask.shape[1]),
         table.astype(np.int32), *frame.intrinsics.ray_tables(), height_row,
-        limits, neighbours_needed(frame, config), int(lowest), stride, packed["xyz"], packed["label"],
+        limits, neighbours_needed(frame, config), int(lowest), stride,
+        cells.T_grid_camera.matrix[:2].astype(np.float32), np.float32(1.0 / cells.resolution_m), cells.chosen,
+        packed["xyz"], packed["label"],
     )  # fmt: skip
     return packed[:count]
 

@@ -190,8 +190,7 @@ class Outputs:
             mask, confidence = messages.mask_fields(step.segmentation, step.frame.depth.shape, *stamped)
             self._send(pair.camera, "mask", self._image, mask)
             self._send(pair.camera, "confidence", self._image, confidence)
-        grounded = step.observation.ground is not None
-        limits = limits_in_view(config.cloud, grounded)
+        limits = limits_in_view(config.cloud, step.observation.ground is not None)
         seen = step.frame, step.segmentation, height_row(step), limits
         if "cloud" in wanted:
             one_a_pixel = organised_cloud_fields(frame_points(*seen), *stamped) if organised else None
@@ -201,7 +200,7 @@ class Outputs:
             cloud = cloud_fields(*seen, stamped, MapClass.OBSTACLE, marked_by_depth_m(step), stride)
             self._send(pair.camera, "obstacles", self._cloud, cloud)
         if "ground" in wanted:
-            self._send(pair.camera, "ground", self._cloud, ground_fields(*seen, stamped, stride, grounded))
+            self._send(pair.camera, "ground", self._cloud, ground_fields(step, limits, stamped, stride))
 
     def publish_map(self, grid: OccupancyGrid, costmap: Costmap | None, now_s: float, full_s: float) -> None:
         """Map and costmap, or what changed of them."""
