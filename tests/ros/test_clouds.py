@@ -29,6 +29,7 @@ from swardmap.ros.clouds import (
     obstacle_cells_fields,
     organised_cloud_fields,
 )
+from swardmap.ros.near_frame import near_frame
 from swardmap.synth.analytic import StereoNoise, garden_scene, lane_poses, render, with_sensor_noise
 from swardmap.types import Frame, Segmentation
 
@@ -299,3 +300,35 @@ def test_obstacle_cells_are_the_obstacles_of_the_map_that_are_near() -> None:
     assert fields["header"]["stamp"] == {"sec": 7, "nanosec": 1}
     empty = obstacle_cells_fields(OccupancyGrid.unknown(spec), (0.0, 2.5), 1.5)
     assert len(read(empty)[1]) == 0
+
+
+@given(st.floats(-9e6, 9e6), st.floats(-9e6, 9e6), st.integers(0, 5))
+def test_obstacle_cells_are_exact_to_a_millimetre_wherever_the_map_lies(
+    x_m: float, y_m: float, seed: int
+) -> None:
+    """At a UTM northing of 5e6 m steps of float32 are half a metre."""
+    lattice = np.floor(np.array([x_m, y_m]) / 0.05) * 0.05
+    spec = GridSpec(0.05, 40, 30, (float(lattice[0]), float(lattice[1])), "map")
+    classes = np.random.default_rng(seed).integers(0, 4, spec.shape).astype(np.uint8)
+    grid, around_m = OccupancyGrid(spec, classes), (x_m + 1.0, y_m + 0.7)
+    message, xyz, _ = read(obstacle_cells_fields(grid, around_m, 10.0, 80.0))
+    T_map_near = near_frame("map", around_m)
+    found = xyz.astype(np.float64)
+    if T_map_near is None:
+        assert message.header.frame_id == "map"
+    else:
+        assert message.header.frame_id == T_map_near.child
+        found = T_map_near.apply(found)
+    rows, columns = np.nonzero(grid.is_obstacle)
+    wanted = spec.center_of(np.stack([columns, rows], axis=-1))
+    assert np.abs(found[:, :2] - wanted).max() < 1e-3
+    assert (xyz[:, 2] == 80.0).all()
+
+
+def test_near_the_origin_obstacle_cells_stay_in_the_map_frame() -> None:
+    assert near_frame("map", (4_999.0, -4_999.0)) is None
+    east, north = near_frame("map", (-12_000.0, 0.0)), near_frame("map", (0.0, 5_001.0))
+    assert east is not None
+    assert north is not None
+    assert (east.parent, east.child, east.position_m.tolist()) == ("map", "map_e-10000_n0", [-10_000, 0, 0])
+    assert north.child == "map_e0_n10000"

@@ -9,6 +9,8 @@ import sys
 import time
 from importlib.util import find_spec
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 from unittest import mock
 
 import numpy as np
@@ -18,9 +20,14 @@ from hypothesis import strategies as st
 
 from swardmap.errors import ConfigError
 from swardmap.geometry import Pose
+from swardmap.grid import GridSpec, OccupancyGrid
+from swardmap.labels import MapClass
+from swardmap.ros import near_frame as near_frame_module
 from swardmap.ros.clouds import obstacle_cells_fields
 from swardmap.ros.gate import Command, GateConfig, GateInputs, nearest_in_zone_m, reach_m, refusal
-from swardmap.ros.gate_node import GateNode, cell_centres_m
+from swardmap.ros.gate_node import GateNode, cell_centres_m, cloud_points_m
+from swardmap.ros.messages import ros_message
+from swardmap.ros.near_frame import NearFrames, in_frame, near_frame
 from swardmap.ros.topics import BEST_EFFORT, image_qos
 from tests.ros import drive
 from tests.ros.node_process import ROOT, environment, running
@@ -109,13 +116,85 @@ def test_limits_that_contradict_each_other_are_refused() -> None:
 
 
 def test_the_cells_are_those_that_the_node_sends() -> None:
-    from swardmap.grid import GridSpec, OccupancyGrid
-
     classes = np.zeros((4, 6), np.uint8)
     classes[1, 2] = classes[3, 0] = 2
     grid = OccupancyGrid(GridSpec(0.5, 6, 4, (-1.0, 2.0), "map"), classes)
     message = drive.message(CLOUD, obstacle_cells_fields(grid, (0.0, 0.0), 10.0))
     np.testing.assert_allclose(cell_centres_m(message), [[0.25, 2.75], [-0.75, 3.75]])
+
+
+def test_cells_of_a_map_far_from_its_origin_are_taken_where_they_are() -> None:
+    """A gate that reads them as they come sees nothing ahead: they are 5000 km from the robot."""
+    x_m, y_m = 500_123.4, 5_000_456.7
+    T = np.eye(4)
+    T[:2, 3] = x_m, y_m
+    inputs = known(T_map_base=Pose("map", "base_link", T))
+    spec = GridSpec(0.05, 100, 40, (500_122.0, 5_000_455.7), "map")
+    classes = np.zeros(spec.shape, np.uint8)
+    ix, iy = spec.cell_of((x_m + 0.6, y_m))
+    classes[iy, ix] = MapClass.OBSTACLE
+    message = drive.message(CLOUD, obstacle_cells_fields(OccupancyGrid(spec, classes), (x_m, y_m), 10.0))
+    points, frame = in_frame(cloud_points_m(message), message.header.frame_id, "map")
+    assert frame == "map"
+    np.testing.assert_allclose(points[:, :2], [spec.center_of((ix, iy))], atol=1e-3)
+    inputs.cells_m = cell_centres_m(message, "map")
+    assert refusal(AHEAD, inputs, 10.0, CONFIG).startswith("an obstacle is 0.6")
+
+
+def test_cells_of_a_frame_that_leads_nowhere_stay_in_it() -> None:
+    """The gate then refuses, for they are not in the frame of its poses."""
+    points = np.ones((2, 3))
+    for frame, wanted in (("map", "odom"), ("map", ""), ("map_e10000_n0", "odom"), ("a_e1_n2", "a_e1_n2")):
+        found, named = in_frame(points, frame, wanted)
+        assert named == frame
+        assert found is points
+
+
+def test_a_frame_near_the_robot_is_told_of_once_and_every_one_stays_latched(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(near_frame_module, "latched_qos", lambda: None)
+    monkeypatch.setattr(near_frame_module, "ros_message", lambda _, fields: fields)
+    sent: list[Any] = []
+    said: list[str] = []
+    node = SimpleNamespace(
+        create_publisher=lambda *_: SimpleNamespace(publish=sent.append),
+        get_logger=lambda: SimpleNamespace(warning=said.append),
+    )
+    near, farther = near_frame("map", (500_123.0, 5_000_456.0)), near_frame("map", (520_000.0, 5_000_456.0))
+    frames = NearFrames(node, "tf")
+    for frame in (None, near, near, farther, near):
+        frames.tell(frame, 1)
+    told = [[t["child_frame_id"] for t in message["transforms"]] for message in sent]
+    assert told == [["map_e500000_n5000000"], ["map_e500000_n5000000", "map_e520000_n5000000"]]
+    assert sent[0]["transforms"][0]["transform"]["translation"] == {"x": 5e5, "y": 5e6, "z": 0.0}
+    without = NearFrames(node, None)
+    for _ in range(2):
+        without.tell(near, 1)
+    assert len(said) == 1
+    assert len(sent) == 2
+
+
+@pytest.mark.skipif(find_spec("rclpy") is None, reason="needs rclpy")
+def test_the_gate_reads_cells_far_from_the_origin_in_the_frame_of_its_poses() -> None:
+    import rclpy
+    from sensor_msgs.msg import PointCloud2
+
+    around_m = (500_123.0, 5_000_456.0)
+    spec = GridSpec(0.05, 20, 20, around_m, "map")
+    cells = obstacle_cells_fields(OccupancyGrid(spec, np.full(spec.shape, 2, np.uint8)), around_m, 10.0)
+    with mock.patch.dict(os.environ, environment()):
+        rclpy.init()
+        try:
+            gate = GateNode()
+            gate.on_cells(ros_message(PointCloud2, cells))
+            assert gate.frames["map"] == "map_e500000_n5000000", "no pose was heard yet"
+            gate.frames["pose"] = "map"
+            gate.on_cells(ros_message(PointCloud2, cells))
+            assert gate.frames["map"] == "map"
+            assert np.abs(gate.inputs.cells_m.min(axis=0) - (np.array(around_m) + 0.025)).max() < 1e-3
+        finally:
+            rclpy.shutdown()
 
 
 SIMULATED = {

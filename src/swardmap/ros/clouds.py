@@ -12,6 +12,7 @@ from swardmap.io.bags.ros_fields import POINT, Fields, packed_cloud_fields, poin
 from swardmap.labels import VOID_ID, LabelSet, MapClass
 from swardmap.perception.cloud import consistent_depth, crop_range, neighbours_needed
 from swardmap.pipeline import StepResult
+from swardmap.ros.near_frame import near_frame
 from swardmap.types import Frame, Segmentation, nearest_indices
 
 CLEARS_BELOW_M = 0.15
@@ -222,7 +223,7 @@ def obstacle_cells_fields(
     """The map's obstacles as points, for who takes clouds but no grids: Nav2's collision monitor.
 
     Unlike the clouds of frames they are those of all cameras, and hold what a camera has seen before and
-    cannot see now.
+    cannot see now. They are in the map frame or, far from its origin, in the `near_frame` of the robot.
 
     Args:
         grid: the map.
@@ -232,13 +233,19 @@ def obstacle_cells_fields(
             below the robot.
 
     Returns:
-        sensor_msgs/PointCloud2 of cell centres in the map frame, at that height, label 2 obstacle, 3 person;
-        with the map's stamp.
+        sensor_msgs/PointCloud2 of cell centres, exact to a millimetre, at that height, label 2 obstacle,
+        3 person; with the map's stamp.
     """
     rows, columns = np.nonzero(grid.is_obstacle)
     xy = grid.spec.center_of(np.stack([columns, rows], axis=-1))
     near = np.hypot(*(xy - np.asarray(around_m)).T) <= range_m
+    T_map_near = near_frame(grid.spec.frame_id, around_m)
+    origin_m, frame_id = (
+        ((0.0, 0.0), grid.spec.frame_id)
+        if T_map_near is None
+        else (T_map_near.position_m[:2], T_map_near.child)
+    )
     xyz = np.zeros((int(near.sum()), 3), np.float32)
-    xyz[:, :2], xyz[:, 2] = xy[near], z_m
+    xyz[:, :2], xyz[:, 2] = xy[near] - origin_m, z_m  # in doubles: float32 has no millimetres far away
     labels = grid.classes[rows[near], columns[near]]
-    return point_cloud_fields(xyz, labels, grid.stamp_ns, grid.spec.frame_id)
+    return point_cloud_fields(xyz, labels, grid.stamp_ns, frame_id)

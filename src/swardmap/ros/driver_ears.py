@@ -72,7 +72,9 @@ class DriverEars:
 
     def on_cells(self, message: Any) -> None:
         """Take the obstacles of the map."""
-        self.heard.gate.cells_m, self.heard.gate.cells_s = cell_centres_m(message), self._now_s()
+        T_map_base = self.heard.gate.T_map_base
+        frame = "" if T_map_base is None else T_map_base.parent
+        self.heard.gate.cells_m, self.heard.gate.cells_s = cell_centres_m(message, frame), self._now_s()
 
     def on_seen(self, message: Any) -> None:
         """Take the persons that the last image shows; the map remembers those who left its view, too."""

@@ -15,6 +15,7 @@ from swardmap.config.settings import build
 from swardmap.errors import ConfigError, SwardmapError
 from swardmap.io.bags.ros_messages import pose_from_odometry
 from swardmap.ros.gate import Command, GateConfig, GateInputs, refusal
+from swardmap.ros.near_frame import in_frame
 from swardmap.ros.subscription import AUTO, FOLLOW_S, Subscription
 from swardmap.ros.topics import rclpy_module
 
@@ -75,9 +76,10 @@ class GateNode:
         self.frames["pose"] = message.header.frame_id.strip("/")
 
     def on_cells(self, message: Any) -> None:
-        """Take the obstacles of the map."""
-        self.inputs.cells_m, self.inputs.cells_s = cell_centres_m(message), time.monotonic()
-        self.frames["map"] = message.header.frame_id.strip("/")
+        """Take the obstacles of the map, which far from its origin come in a frame near the robot."""
+        frame = message.header.frame_id.strip("/")
+        points, self.frames["map"] = in_frame(cloud_points_m(message), frame, self.frames["pose"])
+        self.inputs.cells_m, self.inputs.cells_s = points[:, :2], time.monotonic()
 
     def hold(self) -> None:
         """Zeros, while the last command is refused."""
@@ -100,9 +102,9 @@ class GateNode:
         self._reasons.publish(self._string(data=reason))
 
 
-def cell_centres_m(message: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """(N, 2) x and y of a sensor_msgs/PointCloud2 with float32 coordinates."""
-    return cloud_points_m(message)[:, :2]
+def cell_centres_m(message: Any, frame: str = "") -> np.ndarray[Any, np.dtype[np.float64]]:
+    """(N, 2) x and y of a sensor_msgs/PointCloud2 with float32 coordinates, in `frame` if it is near that."""
+    return in_frame(cloud_points_m(message), message.header.frame_id.strip("/"), frame)[0][:, :2]
 
 
 def cloud_points_m(message: Any) -> np.ndarray[Any, np.dtype[np.float64]]:

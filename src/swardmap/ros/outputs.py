@@ -27,6 +27,7 @@ from swardmap.ros.clouds import (
 from swardmap.ros.live_pipeline import Mapped
 from swardmap.ros.map_outputs import MapOutputs
 from swardmap.ros.messages import ros_message
+from swardmap.ros.near_frame import NearFrames, near_frame
 from swardmap.ros.topics import Types, latched_qos
 
 LEVELS = {Severity.OK: messages.OK, Severity.WARN: messages.WARN, Severity.STOP: messages.ERROR}
@@ -135,6 +136,7 @@ class Outputs:
         self._map = GridChannel(node, "~/map", types["updates"])
         self._costmap = GridChannel(node, "~/costmap", types["updates"])
         self._cells = node.create_publisher(PointCloud2, "~/obstacle_cells", depth)
+        self._near_frames = NearFrames(node, types["tf"])
         self._stop = node.create_publisher(Bool, "~/stop", latched_qos())
         self._health = node.create_publisher(String, "~/health_json", 10)
         self._more: list[Any] = []
@@ -163,6 +165,7 @@ class Outputs:
     def destroy(self) -> None:
         """Take all publishers back."""
         self.of_map.destroy()
+        self._near_frames.destroy()
         grids = [*self._map.publishers, *self._costmap.publishers]
         rest = [
             self._cells,
@@ -214,6 +217,7 @@ class Outputs:
     ) -> None:
         """Obstacles of the map near the robot, as a cloud at the height of the robot's base."""
         if self._cells.get_subscription_count():
+            self._near_frames.tell(near_frame(grid.spec.frame_id, around_m), grid.stamp_ns)
             fields = obstacle_cells_fields(grid, around_m, range_m, z_m)
             self._cells.publish(ros_message(self._cloud, fields))
 
