@@ -194,10 +194,12 @@ class ObstacleMapper:
         self._check_clock(frame)
         T_map_camera = self._pose_of(frame)
         spec = self._window(frame.intrinsics, T_map_camera)
-        seen = observe(frame, segmentation, T_map_camera, spec, self.config, self._ground)
-        if seen.ground is not None and not seen.ground.carried:
+        posed = frame.T_map_camera is not None  # else nobody knows how far away an earlier view was
+        earlier = self._ground if posed else None
+        seen = observe(frame, segmentation, T_map_camera, spec, self.config, earlier)
+        if posed and seen.ground is not None and not seen.ground.carried:
             self._ground = GroundPlane.of(seen.ground, spec, seen.viewpoint_m)
-        if frame.T_map_camera is not None:
+        if posed:
             self._map_in(T_map_camera.parent).integrate(seen)
         config = self.config
         sure = segmentation.confident(config.segmenter.min_confidence, config.watchdog.unfamiliar)

@@ -135,6 +135,22 @@ def test_the_ground_of_an_earlier_view_serves_one_that_shows_none() -> None:
     assert third.observation.ground is None
 
 
+def test_without_poses_no_view_takes_the_ground_of_an_earlier_one() -> None:
+    """Nobody knows how far the robot has gone: each of them has the same place in `base`."""
+    lawn = frame_after(Scene(), 0.0, 0.0, 0.0)
+    (up,) = lane_poses(1, pitch_deg=-20.0)
+    wall = wall_ahead(up)
+    mapper = ObstacleMapper(Truth(), T_base_camera=mount_pose(0.9, 20.0))
+    seen = []
+    for i, frame in enumerate((lawn, wall, lawn, wall)):
+        step = mapper.step(replace(frame, T_map_camera=None, stamp_ns=i))
+        seen.append(step.observation.ground is not None)
+        assert step.observation.ground is None or not step.observation.ground.carried
+    assert seen == [True, False, True, False]
+    posed = mapper.step(replace(wall, stamp_ns=9))  # and one with a pose takes none of theirs
+    assert posed.observation.ground is None
+
+
 def test_a_plane_is_the_same_in_every_grid_of_the_map() -> None:
     plane = GroundPlane((0.1, -0.2), (10.0, 20.0, 3.0))
     for origin in ((0.0, 0.0), (-500_000.0, 4.25)):
