@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swardmap.config import SourceConfig, config_from_dict
+from swardmap.config import Config, SourceConfig, config_from_dict
 from swardmap.errors import ConfigError, InputError, InvalidValueError, OutputError
 from swardmap.eval import dataset as dataset_module
 from swardmap.eval.compare import compare_runs
@@ -214,7 +214,7 @@ class Broken:
 def test_a_frame_that_cannot_be_read_is_named_and_counted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(dataset_module, "open_source", lambda _, config: Broken(config))
+    monkeypatch.setattr(dataset_module, "open_source", lambda _, config: Broken(config.source))
     plan = replace(small_plan(), dataset=DatasetSpec("broken"))
     records = evaluate(plan, tmp_path / "run", workers=1)
     bad = {r["index"]: r["error"] for r in records if "error" in r}
@@ -236,7 +236,7 @@ def test_sources_of_unknown_length_are_read_from_the_beginning(monkeypatch: pyte
     class Bag(AnalyticGardens):
         frame_count = None  # type: ignore[assignment]
 
-    monkeypatch.setattr(dataset_module, "open_source", lambda _, config: Bag(GARDENS, config))
+    monkeypatch.setattr(dataset_module, "open_source", lambda _, config: Bag(GARDENS, config.source))
     spec = DatasetSpec("some.mcap", SourceConfig(start=2, every=2))
     assert count_frames(spec) == 5
     names = [n.frame.name for n in read_frames(spec, 1, 4) if n.frame]
@@ -246,9 +246,9 @@ def test_sources_of_unknown_length_are_read_from_the_beginning(monkeypatch: pyte
 def test_clean_depth_of_a_second_recording_must_be_of_the_same_frames(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def opened(location: str, config: SourceConfig) -> Any:
+    def opened(location: str, config: Config) -> Any:
         gardens = {"noisy": GARDENS, "clean": GARDENS + ",noise=0", "other": GARDENS + ",seed=5"}
-        return AnalyticGardens(gardens[str(location)], config)
+        return AnalyticGardens(gardens[str(location)], config.source)
 
     monkeypatch.setattr(dataset_module, "open_source", opened)
     good = list(read_frames(DatasetSpec("noisy", clean="clean"), 2, 5))
@@ -274,7 +274,7 @@ def test_what_cannot_be_evaluated_is_refused(tmp_path: Path, monkeypatch: pytest
     class Unlabelled(AnalyticGardens):
         label_set = None  # type: ignore[assignment]
 
-    monkeypatch.setattr(dataset_module, "open_source", lambda _, config: Unlabelled(GARDENS, config))
+    monkeypatch.setattr(dataset_module, "open_source", lambda _, config: Unlabelled(GARDENS, config.source))
     with pytest.raises(InputError, match="no true labels"):
         make_plan(DatasetSpec("recording"))
 

@@ -78,6 +78,7 @@ class RealAndTrue:
         T_map_camera: the true pose, or the best known.
         clean: the same frame with clean depth; None if nobody has it (then `frame` is the truth).
         T_real: the pose with errors; None leaves the pose out of the budget.
+        unfiltered: the frame before the source took flying pixels out of its depth; None if it took none.
     """
 
     frame: Frame
@@ -85,6 +86,7 @@ class RealAndTrue:
     T_map_camera: Pose
     clean: Frame | None = None
     T_real: Pose | None = None
+    unfiltered: Frame | None = None
 
     def __post_init__(self) -> None:
         if self.clean is not None and self.clean.depth.shape != self.frame.depth.shape:
@@ -115,7 +117,7 @@ def budget(sides: RealAndTrue, config: Config, maps: FrameMaps | None = None) ->
     Returns:
         Ablation stage -> tally; those that need what the data lacks are left out, see `missing_stages`.
     """
-    true_frame = sides.clean or sides.frame
+    true_frame = sides.clean or sides.unfiltered or sides.frame
     spec, make = spec_of(true_frame, sides.T_map_camera, config), maps or FrameMaps()
     true_mask = true_segmentation(true_frame)
     reference = make.dense(true_frame, true_mask, sides.T_map_camera, config, spec)
@@ -126,7 +128,8 @@ def budget(sides: RealAndTrue, config: Config, maps: FrameMaps | None = None) ->
         if name.split()[-1] in missing or name.split()[0] in missing:
             continue
         real = wanted.difference(missing)
-        frame = sides.frame if "depth" in real else true_frame
+        own_filter = "processing" in real and sides.clean is None  # the source's filter is of the processing
+        frame = sides.frame if "depth" in real or own_filter else true_frame
         mask = sides.segmentation if "mask" in real else true_mask
         pose = sides.T_real if "pose" in real and sides.T_real is not None else sides.T_map_camera
         if "processing" in real:

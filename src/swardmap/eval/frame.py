@@ -146,7 +146,7 @@ def evaluate_part(plan: Plan, start: int, stop: int) -> str:
 def records(plan: Plan, start: int, stop: int) -> Iterator[dict[str, Any]]:
     """Evaluate the frames start..stop-1, each index once; some before them are looked at."""
     looker = Looker(plan.config.watchdog)
-    for numbered in read_frames(plan.dataset, first_looked_at(start), stop):
+    for numbered in read_frames(plan.dataset, first_looked_at(start), stop, plan.config):
         index, frame = numbered.index, numbered.frame
         look = looker.see(index, frame)
         if index < start:
@@ -181,7 +181,7 @@ def evaluate_frame(
     for protocol in plan.protocols:
         for resolution_m in plan.resolutions_m:
             config = at_resolution(plan.config, resolution_m)
-            found = compare_frame(frame, segmentation, pose, config, protocol, numbered.clean, made)
+            found = compare_frame(frame, segmentation, pose, config, protocol, numbered.best, made)
             key = map_key(protocol, resolution_m)
             maps[key] = found.tally.to_dict()
             if key == plan.main:
@@ -197,26 +197,26 @@ def evaluate_frame(
         "mask": confusion_of_masks(truth, called, segmentation.label_set).to_dict(),
         "maps": maps,
         "missed": missed,
-        "safety": safety_of(plan, frame, numbered.clean, segmentation, pose, made).to_dict(),
+        "safety": safety_of(plan, numbered, frame, segmentation, pose, made).to_dict(),
         "budget": _budget(plan, numbered, frame, segmentation, pose, made) if plan.with_budget else {},
     }
 
 
 def safety_of(
     plan: Plan,
+    numbered: Numbered,
     frame: Frame,
-    clean: Frame | None,
     segmentation: Segmentation,
     T_map_camera: Pose,
     made: FrameMaps,
 ) -> SafetyTally:
     """The map of the robot against all that is truly there, at the first resolution."""
     config = at_resolution(plan.config, plan.resolutions_m[0])
-    truth = frame if clean is None else clean
-    found = compare_frame(frame, segmentation, T_map_camera, config, "dense", clean, made)
+    truth = numbered.best or frame
+    found = compare_frame(frame, segmentation, T_map_camera, config, "dense", numbered.best, made)
     spec, pixels = found.reference.spec, made.pixels(truth, T_map_camera, config)
     cells = made.cells(pixels, spec)
-    things = find_things(truth, pixels, cells, spec, config, made.truth)
+    things = find_things(truth, pixels, cells, spec, config, made.truth, numbered.filtered)
     tally = judge(found.reference, found.predicted, things, T_map_camera, plan.margin_m)
     assert truth.labels is not None  # noqa: S101 - compare_frame has asked for them
     assert truth.label_set is not None  # noqa: S101
@@ -277,7 +277,7 @@ def _budget(
     noise = plan.pose_noise
     moves = noise != replace(noise, xy_m=0, yaw_deg=0, tilt_deg=0)
     real = noisy_pose(pose, noise, plan.seed, numbered.index) if moves else None
-    sides = RealAndTrue(frame, segmentation, pose, numbered.clean, real)
+    sides = RealAndTrue(frame, segmentation, pose, numbered.clean, real, numbered.unfiltered)
     tallies = budget(sides, at_resolution(plan.config, plan.resolutions_m[0]), made)
     return {stage: tally.to_dict() for stage, tally in tallies.items()}
 

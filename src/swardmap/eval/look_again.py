@@ -83,24 +83,25 @@ class FrameAgain:
 def look_again(plan: Plan, index: int) -> FrameAgain | None:
     """One frame of a plan; None if it cannot be read or mapped any more."""
     try:
-        numbered = next(read_frames(plan.dataset, index, index + 1))
+        numbered = next(read_frames(plan.dataset, index, index + 1, plan.config))
         frame = numbered.frame
         if frame is None:
             return None
         segmenter = segmenter_of(plan, frame.label_set)
-        segmentation, comparison = compare_again(plan, frame, numbered.clean, segmenter, numbered.truth)
+        segmentation, comparison = compare_again(plan, frame, numbered.best, segmenter, numbered.truth)
         pose, config = pose_of(plan, frame), at_resolution(plan.config, plan.resolutions_m[0])
         made, found = FrameMaps(numbered.truth), comparison
         if plan.protocols[0] != "dense":  # safety is always judged by the robot's own map
-            found = compare_frame(frame, segmentation, pose, config, "dense", numbered.clean, made)
-        truth, spec = numbered.clean or frame, found.reference.spec
+            found = compare_frame(frame, segmentation, pose, config, "dense", numbered.best, made)
+        truth, spec = numbered.best or frame, found.reference.spec
         pixels = made.pixels(truth, pose, config)
-        things = find_things(truth, pixels, made.cells(pixels, spec), spec, config, numbered.truth).things
+        cells = made.cells(pixels, spec)
+        there = find_things(truth, pixels, cells, spec, config, numbered.truth, numbered.filtered)
     except SwardmapError:
         return None
     name = frame.name or str(index)
     mask = scored_mask(plan, segmentation)
-    return FrameAgain(name, frame, pose, mask, comparison, tuple(seen_things(found, things, pose)))
+    return FrameAgain(name, frame, pose, mask, comparison, tuple(seen_things(found, there.things, pose)))
 
 
 def seen_things(

@@ -128,8 +128,8 @@ def compare_frame(
         T_map_camera: pose of the camera.
         config: of the robot.
         protocol: see PROTOCOLS.
-        clean: the same frame with clean depth, which the dense reference is then made of; the paper's
-            reference takes the sensor's depth, as its annotated clouds do.
+        clean: the same frame with clean or unfiltered depth, which the dense reference is then made of; the
+            paper's reference takes the sensor's depth, as its annotated clouds do.
         maps: those already made of this frame; knows what is truly there.
 
     Raises:

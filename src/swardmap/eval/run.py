@@ -47,7 +47,7 @@ def make_plan(dataset: DatasetSpec, config: Config | None = None, **options: Any
         InputError: if the data set cannot be opened, or has no true labels.
     """
     config = config or Config()
-    source = open_dataset(dataset)
+    source = open_dataset(dataset, config)
     if source.label_set is None and dataset.masks is None:
         raise InputError(
             f"{source.name} has no true labels to compare with; name masks of the same frames with --masks"

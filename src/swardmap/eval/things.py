@@ -74,6 +74,7 @@ def find_things(
     spec: GridSpec,
     config: Config,
     truth: FrameTruth | None,
+    filtered: Frame | None = None,
 ) -> TrueThings:
     """The things of a frame, by ids where the data has them.
 
@@ -84,6 +85,8 @@ def find_things(
         spec: the grid.
         config: tolerances of the consistency filter.
         truth: with ids of things, if there are any.
+        filtered: the frame as it was filtered before it was aligned, if it was: afterwards flying pixels
+            agree with their own copies, and would be things.
     """
     assert frame.labels is not None  # noqa: S101 - narrows the types
     assert frame.label_set is not None  # noqa: S101
@@ -91,7 +94,7 @@ def find_things(
     hazard = pixels.judged & (cells >= 0) & (classes >= MapClass.OBSTACLE)
     if truth is not None and truth.instances is not None:
         return _by_ids(pixels, truth, classes, cells, hazard, spec)
-    used = hazard & _consistent(frame, pixels, config)
+    used = hazard & _consistent(frame, filtered or frame, pixels, config)
     standing = _covered(cells[hazard & (pixels.height_m >= LOWEST_M)], spec)
     things = tuple(_components(pixels, classes, cells, used, spec))
     return TrueThings(things, standing, np.zeros(spec.shape, np.bool_), False)
@@ -178,9 +181,9 @@ def _covered(cells: NDArray[np.int64], spec: GridSpec) -> NDArray[np.bool_]:
     return covered.reshape(spec.shape)
 
 
-def _consistent(frame: Frame, pixels: TruePixels, config: Config) -> NDArray[np.bool_]:
-    """(N,) pixels that the 3-of-8 filter keeps."""
+def _consistent(frame: Frame, filtered: Frame, pixels: TruePixels, config: Config) -> NDArray[np.bool_]:
+    """(N,) pixels that the 3-of-8 filter keeps, and that an earlier one has left as they are."""
     cloud = config.cloud
-    kept = consistent_depth(frame.depth_m, NEIGHBOURS, cloud.consistency_relative, cloud.consistency_m)
-    keeps: NDArray[np.bool_] = np.isfinite(kept).ravel()[pixels.index]
+    kept = consistent_depth(filtered.depth_m, NEIGHBOURS, cloud.consistency_relative, cloud.consistency_m)
+    keeps: NDArray[np.bool_] = (kept == frame.depth_m).ravel()[pixels.index]  # NaN is equal to nothing
     return keeps
