@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -25,6 +26,8 @@ from swardmap.eval.protocols import at_resolution
 from swardmap.eval.results import results
 from swardmap.eval.run import evaluate, make_plan, parts_of, read_plan, read_records
 from swardmap.geometry import Pose
+from swardmap.io.marks import marks_of
+from swardmap.io.sources.folder import write_folder
 from swardmap.labels import MapClass
 from swardmap.perception.ground_plane import estimate_mount
 from swardmap.pipeline import ObstacleMapper
@@ -162,6 +165,60 @@ def test_the_map_that_is_judged_is_the_one_that_the_robot_makes(min_confidence: 
     assert np.array_equal(scored.labels, robot.segmentation.labels)
     expected = confusion_of_masks(frame.labels, scored.labels, scored.label_set).to_dict()
     assert record["mask"] == expected, "void where it is not sure"
+
+
+def touched(file: Path) -> None:
+    """Changed in place, without a byte of difference in size."""
+    content = bytearray(file.read_bytes())
+    content[-5] ^= 1
+    file.write_bytes(bytes(content))
+    os.utime(file, ns=(0, file.stat().st_mtime_ns + 1))  # within the clock's step a change shows no time
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda f: touched(sorted((f / "drive" / "labels").iterdir())[0]), "files of the recording changed"),
+        (lambda f: sorted((f / "drive" / "depth").iterdir())[0].unlink(), "files of the recording changed"),
+        (lambda f: (f / "drive" / "instances.json").write_bytes(b"{}"), "files of the recording changed"),
+        (lambda f: touched(sorted((f / "clean" / "depth").iterdir())[0]), "files of the clean depth changed"),
+    ],
+)
+def test_data_that_was_changed_under_its_name_is_other_data(
+    change: Callable[[Path], None], said: str, tmp_path: Path
+) -> None:
+    """Labels that were corrected must not give the figures of before."""
+    for name in ("drive", "clean"):
+        write_folder(AnalyticGardens("analytic:scenes=1,frames=2,width=96", SourceConfig()), tmp_path / name)
+    spec = DatasetSpec(str(tmp_path / "drive"), clean=str(tmp_path / "clean"))
+    options: dict[str, Any] = {"resolutions_m": (0.1,), "protocols": ("dense",), "with_budget": False}
+    out = tmp_path / "drive" / "out"  # results that lie in the recording are no part of it
+    first = evaluate(make_plan(spec, COLOUR, **options), out, workers=1)
+    kept = (out / "parts" / "0000000-0000002.jsonl").stat().st_mtime_ns
+    assert evaluate(make_plan(spec, COLOUR, **options), out, workers=1) == first
+    assert (out / "parts" / "0000000-0000002.jsonl").stat().st_mtime_ns == kept, (
+        "it goes on, with nothing to do"
+    )
+    change(tmp_path)
+    with pytest.raises(OutputError, match=said):
+        evaluate(make_plan(spec, COLOUR, **options), out, workers=1)
+
+
+def test_marks_follow_links_and_no_link_leads_round(tmp_path: Path) -> None:
+    (tmp_path / "data").mkdir()
+    (tmp_path / "data" / "a.png").write_bytes(b"123")
+    (tmp_path / "data" / "round").symlink_to(tmp_path / "data")
+    (tmp_path / "data" / "gone").symlink_to(tmp_path / "nothing")
+    (tmp_path / "far").mkdir()
+    (tmp_path / "far" / "b.png").write_bytes(b"45")
+    (tmp_path / "data" / "far").symlink_to(tmp_path / "far")
+    first = marks_of(tmp_path / "data")
+    assert first.startswith("3 files, 5 bytes, ")
+    assert marks_of(tmp_path / "data") == first
+    (tmp_path / "far" / "b.png").write_bytes(b"456")
+    assert marks_of(tmp_path / "data") != first
+    assert marks_of(tmp_path / "data" / "a.png").startswith("1 files, 3 bytes, ")
+    assert small_plan().data == (), "frames that are made have no files"
 
 
 def test_two_networks_of_one_name_are_two_plans(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from swardmap.config import Config, SourceConfig
 from swardmap.errors import InputError, SwardmapError
 from swardmap.io import FrameSource, TruthSource, is_named, open_source
+from swardmap.io.marks import marks_of
 from swardmap.io.sources.truth import FrameTruth
 from swardmap.types import Frame
 
@@ -85,6 +86,20 @@ def open_dataset(spec: DatasetSpec, config: Config | None = None) -> FrameSource
         config: of the robot: recordings whose depth is filtered before it is aligned obey `cloud`.
     """
     return open_source(spec.location, replace(config or Config(), source=spec.source))
+
+
+def data_marks(spec: DatasetSpec) -> tuple[tuple[str, str], ...]:
+    """What the files of a dataset look like, by role: another look is other data, under the same name.
+
+    Frames that are made by a name have no files.
+
+    Raises:
+        InputError: if a folder cannot be read.
+    """
+    places = {"recording": spec.location, "clean depth": spec.clean, "masks": spec.masks}
+    return tuple(
+        (role, marks_of(place)) for role, place in places.items() if place is not None and not is_named(place)
+    )
 
 
 def count_frames(spec: DatasetSpec) -> int:

@@ -50,6 +50,7 @@ class Plan:
         T_base_camera: mount for frames without pose: 16 numbers, row by row; None = measured frame by frame.
         network: digest of the network file, if there is one.
         margin_m: that marks are grown by where safety is judged.
+        data: what the files of the dataset look like, by role; see `dataset.data_marks`.
     """
 
     dataset: DatasetSpec
@@ -62,6 +63,7 @@ class Plan:
     T_base_camera: tuple[float, ...] | None = None
     network: str = ""
     margin_m: float = DEFAULT_MARGIN_M
+    data: tuple[tuple[str, str], ...] = ()
 
     def __post_init__(self) -> None:
         wrong = [p for p in self.protocols if p not in PROTOCOLS]
@@ -105,6 +107,7 @@ class Plan:
             T_base_camera=None if mount is None else tuple(mount),
             network=plain["network"],
             margin_m=plain["margin_m"],
+            data=tuple((str(role), str(marks)) for role, marks in plain.get("data", ())),  # none in old runs
         )
 
     @property

@@ -19,7 +19,7 @@ from typing import Any
 
 from swardmap.config import Config
 from swardmap.errors import InputError, shortened
-from swardmap.eval.dataset import DatasetSpec, count_frames, open_dataset
+from swardmap.eval.dataset import DatasetSpec, count_frames, data_marks, open_dataset
 from swardmap.eval.frame import Plan, evaluate_part
 from swardmap.io.door import parse_json, reading
 from swardmap.io.files import read_bytes, write_text
@@ -56,7 +56,8 @@ def make_plan(dataset: DatasetSpec, config: Config | None = None, **options: Any
     if mount is None and (pose := configured_mount(config.mount)) is not None:
         mount = tuple(pose.matrix.ravel().tolist())
     options.setdefault("margin_m", config.costmap.obstacle_margin_m)
-    return Plan(dataset, config, T_base_camera=mount, network=network_digest(config), **options)
+    network, data = network_digest(config), data_marks(dataset)
+    return Plan(dataset, config, T_base_camera=mount, network=network, data=data, **options)
 
 
 def evaluate(
@@ -175,10 +176,15 @@ def _frames_said(plain: Mapping[str, Any], out: Path) -> int:
 
 
 def _difference(there: Any, plan: Plan) -> str:
-    """What of two plans differs, by name."""
+    """What of two plans differs, by name; of data that was changed, which."""
     now = json.loads(plan.to_json())
-    names = [name for name in now if not isinstance(there, dict) or there.get(name) != now[name]]
-    return f"other data or settings: {', '.join(names)}"
+    before = there if isinstance(there, dict) else {}
+    names = [name for name in now if name != "data" and before.get(name) != now[name]]
+    known = {tuple(each) for each in before.get("data", ()) if isinstance(each, list)}
+    changed = [
+        f"files of the {role} changed since" for role, marks in plan.data if (role, marks) not in known
+    ]
+    return f"other data or settings: {', '.join([*names, *changed] or ['data'])}"
 
 
 def _part_path(out: Path, part: Part) -> Path:
