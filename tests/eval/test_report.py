@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,9 @@ from swardmap.eval.results import results
 from swardmap.eval.run import evaluate, make_plan
 from swardmap.grid import GridSpec, OccupancyGrid
 from swardmap.io.maps.map_files import write_map
+from swardmap.io.sources.folder import write_folder
 from tests.browser import browser, serious_faults
+from tests.teach.scenes import lane
 
 __all__ = ["browser"]
 
@@ -55,6 +58,15 @@ def test_the_page_stands_alone_and_escapes_what_it_is_told(page: Path) -> None:
     assert html.count('class="frame"') == html.count('class="map-box"') == 5
     assert html.index('id="things"') < html.index('id="budget"')
     assert html.count("<details>") == 14
+
+
+def test_frames_without_any_lawn_have_a_page_too(tmp_path: Path) -> None:
+    """A yard or a road: nobody knows where its ground lies, and the page could not be written."""
+    yard = (replace(f, labels=np.zeros(f.depth.shape, np.uint8)) for f in lane(n=2))
+    write_folder(yard, tmp_path / "yard")
+    plan = make_plan(DatasetSpec(str(tmp_path / "yard")), config_from_dict({"segmenter": {"name": "truth"}}))
+    found = results(plan, evaluate(plan, tmp_path / "run", workers=1), None, COMMAND)
+    assert "heights above the ground that was\nknown to nobody in 2 frames" in report_html(plan, found)
 
 
 def test_no_folder_of_this_machine_is_told(page: Path, tmp_path: Path) -> None:

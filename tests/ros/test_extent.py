@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from swardmap.grid import GridSpec, OccupancyGrid
@@ -17,6 +17,9 @@ specs = st.builds(
 
 
 @given(specs, places, places, st.floats(0.05, 3.0))
+@example(
+    GridSpec(0.05, 22, 1, (2.9983244611620776, 0.0)), 1.9983244611620776, 0.0, 2.1
+)  # on the edge of a cell
 def test_the_robot_lies_inside_and_nothing_else_has_changed(
     spec: GridSpec, x: float, y: float, radius_m: float
 ) -> None:

@@ -3,14 +3,14 @@
 import pytest
 
 from swardmap.teach.faults import Counts
-from swardmap.teach.gate import DANGEROUS, USEFUL, judge, table
+from swardmap.teach.gate import DANGEROUS, FREED, USEFUL, judge, table
 from tests.teach.counting import BALL_ID, PATH_ID, PERSON_ID, counts_of
 
 
 def test_the_same_network_passes() -> None:
     verdict = judge(counts_of(), counts_of())
     assert verdict.passes
-    assert {r.figure for r in verdict.rows} <= {*DANGEROUS, *USEFUL}
+    assert {r.figure for r in verdict.rows} <= {*DANGEROUS, *FREED, *USEFUL}
     assert {r.figure: r.new for r in verdict.rows}["held_driven_called_grass"] == 1.0
 
 

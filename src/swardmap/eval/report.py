@@ -16,6 +16,7 @@ from swardmap.eval.look_again import FrameAgain
 from swardmap.eval.metrics import UNDEFINED, interval_text, metric
 from swardmap.eval.pages import metres, pct, points, render, told_command
 from swardmap.eval.tables import paper_tables, safety_tables
+from swardmap.eval.truth import GROUNDS
 from swardmap.eval.worst import FRAMES_SHOWN, things_first, things_view, worst_frames
 from swardmap.viz.maps import COLOR_OF_CLASS
 
@@ -134,7 +135,7 @@ def safety_view(results: Results) -> dict[str, Any]:
         "unjudged": {name.removeprefix("unjudged_"): n for name, n in counts.items() if "unjudged" in name},
         "judged": counts.get("judged_pixels", 0),
         "grounds": {
-            name.removeprefix("frames_ground_"): n for name, n in counts.items() if "ground_" in name
+            said: counts[key] for name, said in GROUNDS.items() if counts.get(key := f"frames_ground_{name}")
         },
         "with_ids": counts.get("frames_with_ids", 0),
         "frames": counts.get("frames", 0),

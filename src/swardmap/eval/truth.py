@@ -18,6 +18,9 @@ from swardmap.io.sources.truth import FrameTruth, GroundRaster
 from swardmap.labels import LabelSet, MapClass
 from swardmap.types import Frame, Segmentation
 
+RECORDED, FITTED, UNKNOWN = "recorded", "fitted", "unknown"
+GROUNDS = {RECORDED: "recorded", FITTED: "fitted to true lawn", UNKNOWN: "known to nobody"}
+"""Where the true ground of a frame is from, and how a page says it."""
 TEXEL_M = 0.25
 """Of a ground that is fitted."""
 FEWEST_LAWN_PIXELS = 50
@@ -218,9 +221,9 @@ def _ground(
     truth: FrameTruth | None,
 ) -> tuple[GroundRaster | None, str]:
     if truth is not None and truth.ground is not None:
-        return truth.ground, "recorded"
+        return truth.ground, RECORDED
     if frame.labels is None or frame.label_set is None:
-        return None, "unknown"
+        return None, UNKNOWN
     from swardmap.kernels import truth as kernel
 
     labels, table = frame.labels.ravel(), frame.label_set.map_class_table
@@ -229,4 +232,4 @@ def _ground(
     lawn = np.empty((int(np.count_nonzero(classes == MapClass.GRASS)), 3), np.float32)
     kernel.choose(xyz_m, classes, np.uint8(MapClass.GRASS), lawn)
     fitted = fitted_ground(_in_map(lawn, T_map_camera))
-    return fitted, "unknown" if fitted is None else "fitted"
+    return fitted, UNKNOWN if fitted is None else FITTED

@@ -15,6 +15,9 @@ from swardmap.labels import MapClass
 GROWTH_M = 8.0
 """A map is enlarged in steps, since Nav2 lays its costmap out anew each time."""
 
+DIGITS = 9
+"""Of an origin in metres."""
+
 FARTHEST_M = 100.0
 """A robot farther from its map than this is a jump of the pose; the map does not follow."""
 
@@ -35,8 +38,9 @@ def extent_around(
         The enlarged grid; `spec` itself where the circle lies inside, or farther away than `FARTHEST_M`, or
         where no grid may be so large.
     """
-    low = spec.cell_of(np.asarray(xy_m) - radius_m)
-    high = spec.cell_of(np.asarray(xy_m) + radius_m)
+    reach_m = radius_m + 10.0**-DIGITS  # the origin is rounded below
+    low = spec.cell_of(np.asarray(xy_m) - reach_m)
+    high = spec.cell_of(np.asarray(xy_m) + reach_m)
     size = np.array([spec.width, spec.height])
     if max(*(-low), *(high - size)) * spec.resolution_m > FARTHEST_M:
         return spec
@@ -52,7 +56,9 @@ def extent_around(
     width, height = (size + before + after).tolist()
     if width * height > MAX_CELLS:
         return spec
-    x, y = (round(o - n * spec.resolution_m, 9) for o, n in zip(spec.origin_m, before.tolist(), strict=True))
+    x, y = (
+        round(o - n * spec.resolution_m, DIGITS) for o, n in zip(spec.origin_m, before.tolist(), strict=True)
+    )
     return replace(spec, width=width, height=height, origin_m=(x, y)) if (before + after).any() else spec
 
 
