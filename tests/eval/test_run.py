@@ -28,7 +28,7 @@ from swardmap.eval.run import evaluate, make_plan, parts_of, read_plan, read_rec
 from swardmap.geometry import Pose
 from swardmap.io.marks import marks_of
 from swardmap.io.sources.folder import write_folder
-from swardmap.labels import MapClass
+from swardmap.labels import GRASS_OBSTACLE_PERSON, MapClass
 from swardmap.perception.ground_plane import estimate_mount
 from swardmap.pipeline import ObstacleMapper
 from swardmap.synth.analytic import AnalyticSource, lane_poses
@@ -128,7 +128,7 @@ def test_the_mount_is_not_measured_by_true_labels(monkeypatch: pytest.MonkeyPatc
 class Doubtful:
     """True labels with a confidence of 0.5 or 0.9 in patches, and 0.4 P(obstacle) where it is low."""
 
-    name = "doubtful"
+    name, label_set = "doubtful", GRASS_OBSTACLE_PERSON
 
     def __call__(self, frame: Frame) -> Segmentation:
         assert frame.labels is not None
@@ -151,6 +151,7 @@ def test_the_map_that_is_judged_is_the_one_that_the_robot_makes(min_confidence: 
     (numbered,) = read_frames(plan.dataset, 2, 3)
     frame, doubtful = numbered.frame, Doubtful()
     assert frame is not None
+    assert frame.labels is not None
     robot = ObstacleMapper(doubtful, at_resolution(config, 0.1)).step(frame)
     mask, found = compare_again(plan, frame, numbered.clean, doubtful, numbered.truth)
     assert found.predicted.spec == robot.seen.spec
