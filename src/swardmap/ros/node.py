@@ -151,9 +151,8 @@ class RobotNode:
         assert self.pipeline is not None  # noqa: S101 - it is made when the node is configured
         self.pipeline.begin()
         self._active.set()
-        self._ended = (
-            threading.Event()
-        )  # of this activation alone: a thread that outlives it must not come back
+        # of this activation alone: a thread that outlives it must not come back with the next
+        self._ended = threading.Event()
         if self._types["bond"] is not None:
             self._bond = Bond(self.node, self._types["bond"])
         for target in (self._map_frames, self._publish_maps):
