@@ -8,6 +8,7 @@ from pathlib import Path
 from swardmap.config import config_to_dict
 from swardmap.errors import OutputError
 from swardmap.io.files import read_bytes, write_text
+from swardmap.io.marks import marks_of
 from swardmap.mapping.work_area import WorkArea
 from swardmap.teach.again import SAID_AGAIN
 from swardmap.teach.learn import LIT_GARDENS
@@ -25,10 +26,10 @@ def labels_digest(task: Task) -> str:
     Recordings count by where they lie and when they were written: many a drive is called the same.
     """
     plan, config = task.plan, config_to_dict(task.config)
-    made = (task.out.absolute(), task.folder.absolute())
+    made = (task.out.absolute(), task.folder.absolute())  # may lie in the recording
     said = [
         LABELS_VERSION,
-        [mark for file in task.files for mark in _marks(file, made)],
+        [(str(file.absolute()), marks_of(file, made)) for file in task.files],
         hashlib.sha256(read_bytes(task.start_file)).hexdigest(),
         plan.footprint_m.tolist(),
         plan.leave_out_s,
@@ -43,16 +44,6 @@ def labels_digest(task: Task) -> str:
 def _area(area: WorkArea) -> tuple[str, list[tuple[str, list[list[list[float]]]]]]:
     """Frame, and role and rings of each polygon: the same ring may be lawn or be kept out of."""
     return area.frame_id, [(str(p.role), [ring.tolist() for ring in p.rings]) for p in area.polygons]
-
-
-def _marks(recording: Path, made: tuple[Path, Path]) -> list[tuple[str, int, int]]:
-    """Name, size and time of change of each file of a recording, but for what is made from it."""
-    if not recording.exists():
-        return [(str(recording), 0, 0)]  # made by its name, as analytic: is
-    inside = [p for p in recording.rglob("*") if p.is_file()] if recording.is_dir() else [recording]
-    inside = [p for p in inside if not any(p.absolute().is_relative_to(m) for m in made)]
-    stats = [(p, p.stat()) for p in sorted(inside)]
-    return [(str(p.absolute()), s.st_size, s.st_mtime_ns) for p, s in stats]
 
 
 def clear(folder: Path) -> None:
